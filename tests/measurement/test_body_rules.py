@@ -82,7 +82,7 @@ def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
     lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body.copy()
     body.points = body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0])
     seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    stray = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.zeros(STATIONS), rays, ())
+    stray = Fit(body, 1e-3 * np.eye(25), seen, np.zeros(STATIONS), rays, ())
     told = []
     for follower.missed, follower.refusal in ((0, ""), (4, "no_fit: folded"), (4, "touches_border: the tip")):
         told.append(follower._judged(lab, stray).reason.split(":")[0])
@@ -146,7 +146,7 @@ def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
 def as_first(body, share=1.0):
     """What was seen of a body in the first frame: all of it, or a share of its inside."""
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    return Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+    return Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
 
 
 def test_a_line_beside_which_the_tube_goes_on_is_refused():
@@ -165,7 +165,7 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
         rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
         around = looks_around(picture, wall, body)
         backing = np.where(SHARES > 0.83, like, 1.0)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, backing, rays, (), *around, np.ones(5)))
+        return refused(first, Fit(body, 1e-3 * np.eye(25), seen, backing, rays, (), *around, np.ones(5)))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
@@ -214,7 +214,7 @@ def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first
     if first_share is not None:
         first.fit = as_first(body, first_share)
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+    fit = Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
     assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
 
 
@@ -229,7 +229,7 @@ def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():
 
     def said(beside, beyond):
         seen = np.nan_to_num(beside, nan=1.0) < 0.5
-        fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond, out)
+        fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond, out)
         return refused(first, fit)
 
     beside, beyond = looks_around(rolled, wall, body)

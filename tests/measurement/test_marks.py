@@ -120,7 +120,7 @@ def test_marks_outweigh_what_was_carried():
     seen = picture(3.0)
     found = marks_in(seen, marks, body, wall)
     clamp = np.array([body.points[0] + np.array([3.0, 0.0]), [0.0, 1.0]])
-    evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=found, outline=False)
+    evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=found)
     body = fit_body(evidence, body, 0.5**2 * np.eye(UNKNOWNS), 8.0).body
     assert [place_of(mark.mark, body)[0] for mark in found] == [pytest.approx(mark.place[0], abs=1.0) for mark in found]
 

@@ -132,7 +132,6 @@ class Evidence:
     skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     marks : points of the material that their colour has found
-    outline : whether edges are looked for, or the skin alone is followed
     """
 
     picture: Picture
@@ -142,7 +141,6 @@ class Evidence:
     skin: tuple[FloatArray, FloatArray, float] | None
     end_offsets: FloatArray | None = None
     marks: Sequence[SeenMark] = ()
-    outline: bool = True
 
     def add_outline(
         self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, lengths: FloatArray, span: float
@@ -151,13 +149,11 @@ class Evidence:
 
         After the first frame edges count less within a half width of the clamp, where rubber swells beside what holds it.
         """
-        edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
-        if self.outline:
-            seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
-            backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
-            held = np.clip(lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
-            leans = SYSTEMATIC * float(middle(body.half)) if self.marks else 0.0
-            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
+        seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
+        backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
+        held = np.clip(lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
+        leans = SYSTEMATIC * float(middle(body.half)) if self.marks else 0.0
+        _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
         return edges, backing
 
     def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, slips: FloatArray) -> None:

@@ -37,7 +37,7 @@ from rfea_vision.vision.body.fit import (
     fit_body,
     looks_around,
 )
-from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, held_to_length, reached
+from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import POINTED_PX, TURNED, as_state, fill_numbers
@@ -78,7 +78,7 @@ STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
-# Share of a way across the body that its skin may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
+# Share of a way across the body that flow may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
 # a line that was carried by them from frame to frame lagged behind both edges.
 FLOW_MISSES = 0.05
 POINTED_SHARE = 0.05  # of the half width, 1 s.d., chosen: the middle of a wide body is not pointed at to the pixel
@@ -316,21 +316,21 @@ class BodyFollower:
         return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
 
     def _predicted(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
-        """The body of the last frame that was measured, moved as its skin has moved since, and the covariance of this movement."""
-        last = self.last
-        skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
-        near, carried = flown(last, lab, self.wall, self.foot[0])
+        """The body of the last frame that was measured, moved as flow tells, and the covariance of this movement."""
+        last, spread = self.last.body, self._spread()
+        near, told, carried = flown(self.last, lab, self.wall, self.foot[0])
+        told[ALONG, ALONG] *= self.skin[2]
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
             near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
-            spread = self._spread(LENGTH_SPREAD)
-        moved = fit_body(Evidence(lab, self.wall, self.foot, self.first.half, skin, outline=False), near, spread, 5.0)
-        gone = TO_NORMAL @ np.sum((moved.body.points - last.body.points) * frame_of(last.body.points)[1], axis=1)
-        moved.covariance[NORMAL, NORMAL] += np.diag((FLOW_MISSES * gone) ** 2)
+            spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
+        covariance = np.linalg.inv(np.linalg.inv(spread) + told)
+        gone = TO_NORMAL @ np.sum((near.points - last.points) * frame_of(last.points)[1], axis=1)
+        covariance[NORMAL, NORMAL] += np.diag((FLOW_MISSES * gone) ** 2)
         if self.unseen:
             # Its end: it is as long as when that was last seen, within the lengths that it has had.
             stderr = self.lengths[1] - self.lengths[0] + STRETCH_SHARE * self.known_length
-            return held_to_length(moved.body, moved.covariance, self.known_length, stderr)
-        return moved.body, moved.covariance
+            return held_to_length(near, covariance, self.known_length, stderr)
+        return near, covariance
 
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
         """The body where all is that looks like it, as long as when its end was last seen, and what that leaves open."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import PIECES, smooth_line
-from rfea_vision.vision.body.fit import ALONG, BENDING, NORMAL, TO_ALONG
+from rfea_vision.vision.body.fit import ALONG, BENDING, NORMAL, TO_ALONG, UNKNOWNS
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -46,7 +46,7 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
 MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
 WINDOW_SHARED = 4.0  # of these lie in one window, 2 to 8 px apart, and tell the same
-GRADUALLY = 3.0 * BENDING + 1e-3 * np.eye(len(BENDING))  # information on what flow says across the body, chosen
+GRADUALLY = 0.5 * BENDING + 2e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
@@ -54,16 +54,17 @@ REACHED = 1.25  # times as long as it is: chosen, so much of a way is smoothed b
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
 
-def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[SeenBody, float]:
+def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[SeenBody, FloatArray, float]:
     """The body of an earlier frame, moved and stretched by flow from `foot` (2,) on: near enough for its skin to be recognised.
 
-    And the share that flow has carried of what slopes of the skin tell along the body: of its length.
+    And the information (25, 25) px^-2 that this displacement is, and the share that flow has carried of what slopes of the skin tell
+    along the body: of its length.
     """
     tangents, normals = frame_of(last.body.points)
     station = np.tile(FLOW_ALONG, len(FLOW_ACROSS))
-    across = np.repeat(FLOW_ACROSS, len(FLOW_ALONG)) * last.body.half[station]
+    beside = np.repeat(FLOW_ACROSS, len(FLOW_ALONG)) * last.body.half[station]
     window = wall.window
-    before = last.body.points[station] + across[:, None] * normals[station] - [window[1].start, window[0].start]
+    before = last.body.points[station] + beside[:, None] * normals[station] - [window[1].start, window[0].start]
     before = before.astype(np.float32)[:, None]
     options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
     seen, grey = (cv2.extractChannel(wall.cleared(shown)[window], 0) for shown in (last.lab, picture))
@@ -72,15 +73,19 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
     moved = (after - before)[:, 0].astype(float)
     kept &= last.body.told[station]
-    body = last.body.copy()
+    body, told = last.body.copy(), np.zeros((UNKNOWNS, UNKNOWNS))
     if kept.sum() < len(station) // 9:
-        return body, 0.0
+        return body, told, 0.0
     aside = np.sum(moved * normals[station], axis=1)
-    n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], aside, kept.astype(float), FLOW_PX**2, GRADUALLY)
+    variance = np.where(kept, FLOW_PX**2, np.inf)
+    across, told[NORMAL, NORMAL] = robust_displacement(
+        NORMAL_BASIS[station], aside, variance, WINDOW_SHARED * len(FLOW_ACROSS), GRADUALLY
+    )
+    n = NORMAL_BASIS @ across
     # Smooth rubber goes where its length lets it, dt/ds = curvature n; what is seen to stretch beyond that has texture along it.
     turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
-    middles = across == 0.0  # to either side windows hold the wall, which stays
+    middles = beside == 0.0  # to either side windows hold the wall, which stays
     beyond = np.sum(moved[middles] * tangents[FLOW_ALONG], axis=1) - t[FLOW_ALONG]
     lengths = along(body.points)
     inner = np.abs(lengths[-1] - 2.0 * lengths) < lengths[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
@@ -88,9 +93,12 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
-    ways = [replace(body, points=spaced(line, last.body.points, gains)) for gains in (0.0 * n, _stretch(beyond, known, body.length))]
-    way = min(ways, key=lambda way: _unlike(skin_of(wall.cleared(picture), way), last.skin))
-    return way, float(known.sum() / textured.sum()) if textured.any() else 1.0
+    gains, stretched = _stretch(beyond, known, body.length)
+    ways = [replace(body, points=spaced(line, last.body.points, gained)) for gained in (0.0 * gains, gains)]
+    evenly, drawn = (_unlike(skin_of(wall.cleared(picture), way), last.skin) for way in ways)
+    if drawn < evenly:
+        told[ALONG, ALONG] = stretched
+    return ways[int(drawn < evenly)], told, float(known.sum() / textured.sum()) if textured.any() else 1.0
 
 
 def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, lengths: FloatArray) -> SeenBody:
@@ -125,11 +133,15 @@ def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> F
     return np.maximum(along - noise, 0.0) * INDEPENDENT / FLOW_SCATTER**2
 
 
-def _stretch(off: FloatArray, known: FloatArray, length: float) -> FloatArray:
-    """Gains (S,) px along the body of which flow says `off`, known to `known` 1/px^2, at `FLOW_ALONG`: none where it is smooth."""
+def _stretch(off: FloatArray, known: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
+    """Gains (S,) px along the body of which flow says `off`, known to `known` px^-2, at `FLOW_ALONG`: none where it is smooth.
+
+    And the information (6, 6) px^-2 that this is.
+    """
     slips = UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2
     prior, variance = np.asarray(np.linalg.inv(slips), dtype=float), FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9)
-    return ALONG_BASIS @ robust_displacement(ALONG_BASIS[FLOW_ALONG], off, known / WINDOW_SHARED, variance, prior)
+    gains, information = robust_displacement(ALONG_BASIS[FLOW_ALONG], off, variance, WINDOW_SHARED, prior)
+    return ALONG_BASIS @ gains, information
 
 
 def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:

@@ -194,14 +194,16 @@ def lab_of(colour: tuple[int, int, int]) -> FloatArray:
 
 
 def robust_displacement(
-    rows: FloatArray, values: FloatArray, known: FloatArray, variance: FloatArray | float, prior: FloatArray
-) -> FloatArray:
-    """Coefficients of a displacement through `values` (n,), of which some may be anything; the others scatter by `variance`.
+    rows: FloatArray, values: FloatArray, variance: FloatArray, shared: float, prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of a displacement through `values` (n,), of which some may be anything, and the information that these are.
 
-    `known` (n,) is how much each counts, and `prior` the information on the coefficients before.
+    The others scatter by `variance` (n,), `shared` of them alike; `prior` is the information on the coefficients before.
     """
-    weight, solution = known, np.zeros(rows.shape[1])
+    known = 1.0 / (shared * variance)
+    weight, solution, information = known, np.zeros(len(prior)), 0.0 * prior
     for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
-        solution = np.linalg.solve(prior + rows.T @ (weight[:, None] * rows), rows.T @ (weight * values))
+        information = rows.T @ (weight[:, None] * rows)
+        solution = np.asarray(np.linalg.solve(prior + information, rows.T @ (weight * values)), dtype=float)
         weight = known / (1.0 + (values - rows @ solution) ** 2 / (scale**2 * variance)) ** 2
-    return np.asarray(solution, dtype=float)
+    return solution, information
