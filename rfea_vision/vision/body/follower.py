@@ -125,7 +125,7 @@ class BodyFollower:
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        self.first = First(1.0, np.ones(STATIONS), (0, 0), scene.length_mm, self.px_per_mm, None, np.zeros(2))
+        self.first = First(1.0, np.ones(STATIONS), (0, 0), scene.length_mm, self.px_per_mm, None)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -255,12 +255,12 @@ class BodyFollower:
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
-        self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
+        self.first_body, self.stayed = self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         missed = np.array([clicked, *missed_by(self.line, self.body, half, believed=bool(believed))])
         self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
-        self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
+        self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, 0, 1.0)
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
         """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""

@@ -40,9 +40,6 @@ FIRST_SEEN = 0.25
 WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
-# Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
-# turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
-RUNS_BACK = 0.25
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
 # well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
@@ -61,8 +58,7 @@ STRANGE, MOST_HIDDEN = 50.0, 0.95
 class First:
     """The first frame, to which all others are compared: length and half width (S,) px, and its `fit`, None until it is accepted.
 
-    `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w) says where the hints let it be (None: everywhere); `leaves`
-    (2,) is the direction in which it leaves its clamp.
+    `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w) says where the hints let it be (None: everywhere).
     """
 
     length: float
@@ -71,7 +67,6 @@ class First:
     length_mm: float
     px_per_mm: float
     allowed: NDArray[np.bool_] | None
-    leaves: FloatArray
     fit: Fit | None = None
 
 
@@ -186,17 +181,15 @@ def _length(first: First, fit: Fit) -> str:
 
 
 def _folded(first: First, fit: Fit) -> str:
-    """A body does not bend within its own width, nor gather in one place, nor run back into what holds it."""
+    """A body does not bend within its own width, nor gather in one place."""
     step = fit.body.length / (STATIONS - 1)
-    half = float(middle(fit.body.half))
-    span = int(np.clip(half / step, 2, STATIONS // 4))
+    span = int(np.clip(float(middle(fit.body.half)) / step, 2, STATIONS // 4))
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
     sharpest = float(np.max((bend * fit.body.half[span:-span])[span:]))  # nearer to the clamp edges count less
     gathered = float(np.linalg.norm(chords, axis=1).min()) / (span * step)
-    back = -float(np.diff(fit.body.points[: span + 1] @ first.leaves).min())
-    return "" if sharpest < SHARPEST and gathered > 0.4 and back < RUNS_BACK * half else "the line that fits is folded"
+    return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
 
 
 def _border(first: First, fit: Fit) -> str:

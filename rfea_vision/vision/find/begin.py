@@ -99,11 +99,10 @@ class Scene:
 
 @dataclass(frozen=True)
 class Initialisation:
-    """A fitted first frame: its state, and how the clamp and the tip were found."""
+    """A fitted first frame: its state, and how the clamp was found."""
 
     state: State
     base: End
-    tip: End
     polarity: int
     score: float
 
@@ -251,7 +250,7 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path
         * float(np.exp(-0.5 * (np.log(ratio) / 0.12) ** 2))
         * float(np.exp(-0.5 * (np.log(half / scene.half_mm) / 0.15) ** 2))
     )
-    return Initialisation(state, base, tip, path.polarity, score)
+    return Initialisation(state, base, path.polarity, score)
 
 
 def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers) -> None:
