@@ -37,7 +37,6 @@ LEAST_STANDING_OUT = 0.2
 LEAST_SLENDER = 1.5
 # Of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most).
 FIRST_SEEN = 0.25
-WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
@@ -170,11 +169,6 @@ def _edges(first: First, fit: Fit) -> str:
     return f"{seen}, and {100 * share:.0f} % of the body stands out from what is around it"
 
 
-def _width(first: First, fit: Fit) -> str:
-    share = float(middle(fit.body.half / first.half))
-    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"{share:.2f} times as wide as in the first frame"
-
-
 def _length(first: First, fit: Fit) -> str:
     share = fit.body.length / first.length
     return "" if LENGTHS[0] <= share <= LENGTHS[1] else f"{share:.2f} times as long as in the first frame"
@@ -210,7 +204,6 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("no_fit", _goes_on),
     ("no_fit", _short),
     ("edge_lost", _edges),
-    ("width_off", _width),
     ("length_off", _length),
     ("off_hints", _elsewhere),
     ("tip_hidden", _beyond),
