@@ -219,13 +219,14 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
-        outlines = [(*self._drawn(lab, line, half, length, 1.0), line) for line in lines]
-        self.body, _, unseen, line = max(outlines, key=lambda way: way[1])
-        for end in OTHER_ENDS if unseen > 0.0 else ():
-            body, _, left = self._drawn(lab, line, half, length, end)
+        unseen = np.inf
+        for end in (1.0, *OTHER_ENDS):
+            body, _, left = max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1])
             held = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
-            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED:
+            if end == 1.0 or (left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED):
                 self.body, unseen = body, left
+            if unseen == 0.0:
+                break
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
         clear = len(seen) > RAYS // 2 and bool(np.abs(np.median(seen)) < END_NEAR * half)
