@@ -62,7 +62,7 @@ def hinted_lines(
     colour: FloatArray | None = None,
     allowed: NDArray[np.bool_] | None = None,
 ) -> list[FloatArray]:
-    """Lines of stations (S, 2) px that the hints allow: a curve of the body's length, the straight one, and a route.
+    """Lines of stations (S, 2) px that the hints allow: a route, and a curve of the body's length.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def hinted_lines(
         likeness = np.where(allowed, likeness, 0.0)
     lines = [_route(likeness, line_px, half_px)]
     if len(line_px) == 2:
-        lines += [smooth_line(line_px), smooth_line(_bow(line_px, inwards, length_px))]
+        lines.append(smooth_line(_bow(line_px, inwards, length_px)))
     return lines
 
 

@@ -44,7 +44,6 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 # Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
 # differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
-MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
 WINDOW_SHARED = 8.0  # of these tell the same: in one window lie some four of a body of 65 stations, 2 to 8 px apart
 GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
@@ -148,9 +147,7 @@ def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
     """Stations on a line with the distances of `like` and what they gain (S,) px along it, without what gathers there."""
     beyond = line[-1] + 3.0 * (line[-1] - line[-4])
     line = np.vstack([line, beyond])
-    stations = along(like)
-    most = float(np.max(np.abs(np.diff(gains)) / np.maximum(np.diff(stations), 1e-9)))
-    wanted = ALONG_BASIS @ (TO_ALONG @ (stations + gains * min(1.0, MOST_STRETCH / max(most, 1e-9))))
+    wanted = ALONG_BASIS @ (TO_ALONG @ (along(like) + gains))
     return at(line, wanted - wanted[0])
 
 
