@@ -324,7 +324,7 @@ class BodyFollower:
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
             near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
             spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
-        covariance = np.linalg.inv(np.linalg.inv(spread) + told)
+        covariance = np.asarray(np.linalg.inv(np.linalg.inv(spread) + told), dtype=float)
         gone = TO_NORMAL @ np.sum((near.points - last.points) * frame_of(last.points)[1], axis=1)
         covariance[NORMAL, NORMAL] += np.diag((FLOW_MISSES * gone) ** 2)
         if self.unseen:
