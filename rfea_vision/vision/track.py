@@ -24,7 +24,7 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.derive.shutter import Shutter
-from rfea_vision.vision.find.begin import FIRST_TRIES, Scene, scale_at
+from rfea_vision.vision.find.begin import Scene, scale_at
 from rfea_vision.vision.follow.follower import Follower
 
 Progress = Callable[[int, int], None] | None
@@ -138,7 +138,7 @@ def follow_edges(
     """Follow the edges, as far as there is a tube to follow; if a tube was pointed at, as far as edges alone will do."""
     follower, pointed = Follower(scene), scene.is_pointed_at
     for done in _added(rows, follower, source, source.frames(0), lamp, progress):
-        if follower.start is None and done >= (FIRST_TRIES if pointed else GIVE_UP_AFTER):
+        if follower.start is None and (pointed or done >= GIVE_UP_AFTER):  # what was pointed at is in the first frame
             break
         if pointed and too_few(done, rows.good, rows.copies):
             break

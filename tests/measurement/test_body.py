@@ -15,7 +15,6 @@ from rfea_vision.readers.video import FolderSource, open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.find.begin import FIRST_TRIES
 from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.track import follow_body, make_scene, too_few, too_late
 from testing.phone import Arm, Room, clear_scene, film, scene
@@ -178,12 +177,12 @@ def test_a_film_whose_body_is_lost_ends_before_its_end(monkeypatch):
 
 
 def test_edges_that_find_nothing_where_it_was_pointed_at_leave_the_film_to_the_body(monkeypatch, tmp_path):
-    """After as many frames as the body is looked for there, not after seven."""
+    """After the first frame, in which it was pointed at, not after seven."""
     looked = []
     monkeypatch.setattr(Follower, "next", lambda *_: looked.append(1) or "no_tube")
     truth = film(tmp_path / "film.mp4", Arm(), SMALL, LEFT[:5])
     assert tracked(tmp_path / "film.mp4", truth).dataset.attrs["followed_by"] == "body"
-    assert len(looked) == FIRST_TRIES == 3
+    assert len(looked) == 1
 
 
 def decoy(picture: np.ndarray) -> None:

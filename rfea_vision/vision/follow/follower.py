@@ -22,8 +22,7 @@ from rfea_vision.vision.follow.motion import CurvePredictor
 
 SEARCH_PX = 12.0
 CLAMP_NEAR_MM, CLAMP_REACH_MM = 1.0, 5.0  # how far from the first one the clamp is believed in later frames; and looked for
-LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
-PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
+LEAST_GOOD = 3  # good frames before the first bad one that make a track: fewer may be anything that looks like a tube
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
 COVERED_STEP = 0.3  # of the light step at the edges: by so much the light on the tube changes where something covers it
 LEAST_CLAMPS = 4
@@ -79,7 +78,7 @@ class Follower:
             self.missed += 1
             reason = self._explained(reason, luma)
             self.state.coefficients[:] = self.motion.last
-            if self.good == 0 or (self.good < LEAST_GOOD and self.missed >= PATIENCE):
+            if self.good < LEAST_GOOD:
                 self.searched += 1
                 self._begin_anew()  # a tube that enters later than what was taken for one
             return reason
@@ -149,9 +148,9 @@ class Follower:
         if not self.marked:
             return
         self.profile = self._light_along(luma, self.state.coefficients)
-        if self.good <= 3:
+        if self.good <= LEAST_GOOD:
             self.first_profiles.append(self.profile)
-        if self.good == 3:
+        if self.good == LEAST_GOOD:
             self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
 
     def _light_along(self, luma: NDArray[np.uint8], coefficients: FloatArray) -> FloatArray:
@@ -252,6 +251,6 @@ class Follower:
         self.noise = float(self.work.numbers["noise"][0])
         self.missed = 0
         self.good += 1
-        if self.good == 3:
+        if self.good == LEAST_GOOD:
             self.state.reference[:2] = self.state.levels[:2, :, 0] - self.state.levels[:2, :, 1]
             self.state.reference[2] = np.diff(self.state.levels[2, :CAP_VERTICES].mean(axis=0))[0] * -1.0

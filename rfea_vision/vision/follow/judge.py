@@ -20,7 +20,6 @@ SETTLED_PX = 1.0  # the last step of a fit that is no longer on its way
 LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
 GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
-FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
 ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
 LIGHT_PLACES = 20  # rows, and columns, whose pixels tell how bright the light is
 
@@ -143,11 +142,8 @@ class Judge:
     def _length(self, fit: FrameFit) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
         hinge = fit.length - self.scene.half_mm * self.scene.turn_sign * fit.bend
-        seen = len(self.hinge_lengths)
-        limit = LENGTH_OFF if seen >= 5 else FIRST_LENGTHS_OFF if seen else GIVEN_LENGTH_OFF
-        if abs(hinge / self.expected_mm - 1) > limit:
-            return "length_off"
-        if self._jumps(hinge):
+        limit = LENGTH_OFF if self.hinge_lengths else GIVEN_LENGTH_OFF
+        if abs(hinge / self.expected_mm - 1) > limit or self._jumps(hinge):
             return "length_off"
         if len(self.hinge_lengths) < 200:
             self.hinge_lengths.append(hinge)
