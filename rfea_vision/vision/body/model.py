@@ -22,7 +22,7 @@ ACROSS_INSIDE = np.linspace(-0.7, 0.7, 7)
 ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
 LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
 AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
-LIGHT_GAIN = 0.08  # of the colours of the last frame
+LIGHT_GAIN, OWN_GAIN = 0.08, 0.02  # of the colours of the last frame
 MARKED = 16.0  # of a or b in 8 bits: so far from the body's own colour is a mark
 BACKED = 0.7  # share of a station that looks like the body
 ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is nearer beside itself
@@ -148,12 +148,14 @@ def end_of(where: NDArray[np.bool_]) -> int:
 def follow_colours(cleared: Picture, picture: Picture, body: SeenBody, backing: FloatArray) -> None:
     """Let the colours follow the light: around the body freely, inside it alike at all stations.
 
-    One that has left the body would else take the wall's colour for its own: what counts is where `backing` (S,) says that it has not.
+    One that has left the body would else take the wall's colour for its own; where `backing` (S,) says that it has not,
+    its own colour counts a little.
     """
     off = middle(_near(cleared, body, ACROSS_INSIDE)) - body.inside[:, 0]
     alike = backing >= BACKED
     if np.any(alike):
-        body.inside[:, 0] += LIGHT_GAIN * np.median(off[alike], axis=0)
+        light = np.median(off[alike], axis=0)
+        body.inside[:, 0] += LIGHT_GAIN * light + np.where(alike[:, None], OWN_GAIN * (off - light), 0.0)
     for side, sign in ((0, 1.0), (1, -1.0)):
         body.outside[:, side] += LIGHT_GAIN * (
             _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE) - body.outside[:, side]
