@@ -10,7 +10,7 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.begin import first_body, hinted_lines
-from rfea_vision.vision.body.fit import SURELY, Fit, looks_around, off_middle
+from rfea_vision.vision.body.fit import SURELY, Fit, looks_around, off_beside, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.rules import First, elsewhere, refused
@@ -267,6 +267,19 @@ def test_a_line_that_leaves_the_middle_of_its_edges_is_known_by_so_much_less():
     body.told = SHARES < 0.85
     edges[10:, 1, 1] = 0.5
     assert off_middle(body, edges, still) == 0.0, "edges of the wall are none"
+
+
+def test_a_line_with_more_of_its_body_on_one_side_is_known_by_so_much_less():
+    line = np.column_stack([np.full(STATIONS, 50.0), 10.0 + 240.0 * SHARES])
+    body = SeenBody(line, np.full(STATIONS, 12.0), np.ones((STATIONS, 2, 3)), np.ones((STATIONS, 2, 2, 3)))
+    more = np.full((STATIONS, 2), 0.3)  # something of its colour on both sides says nothing of where it lies
+    assert off_beside(body, more) == 0.0
+    more[-10:, 1] = 0.8  # of a strip of 14.4 px
+    assert abs(off_beside(body, more) - 7.2) < 1e-9
+    more[:, 0] = np.nan  # where it has rolled up, another stretch of it lies there
+    assert off_beside(body, more) == 0.0
+    more[:], more[30, 0] = 0.0, 1.0  # a spot of its colour at one station of a body width
+    assert off_beside(body, more) < 2.5
 
 
 def test_a_click_may_miss_a_thin_body_and_its_middle_at_once():

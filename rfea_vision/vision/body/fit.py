@@ -100,7 +100,7 @@ class Fit:
     beyond : (8,) share of what is beyond its end that does, ever farther
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     reason : why it is no measurement; empty where it is one
-    off_edges : px by which the middle between its edges lies off its line, where it does most
+    off : px by which its line may lie off its middle, where it does most: by its edges, and by what lies beside it
     """
 
     body: SeenBody
@@ -113,7 +113,7 @@ class Fit:
     beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     reason: str = ""
-    off_edges: float = 0.0
+    off: float = 0.0
 
     @property
     def likeness(self) -> float:
@@ -213,7 +213,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     body.points = gradual(body.points, rest)
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
-    return Fit(body, inverse, seen, backing, end, evidence.marks, off_edges=off)
+    return Fit(body, inverse, seen, backing, end, evidence.marks, off=off)
 
 
 def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
@@ -227,6 +227,17 @@ def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
     window = np.ones(min(max(round(2.0 * float(middle(body.half)) / body.length * STATIONS), 3), STATIONS))
     seen = np.maximum(np.convolve(both, window, "same"), 0.5 * len(window))  # a few alone tell little
     return float(np.abs(np.convolve(off, window, "same") / seen).max())
+
+
+def off_beside(body: SeenBody, more: FloatArray) -> float:
+    """How far (px) the line may lie off its body's middle, where there is `more` (S, 2) of that on one side of it, over a body width.
+
+    Edges that are blurred, or break up between windings, may be found within the body; what they leave out lies beside the line.
+    """
+    half = float(middle(body.half))
+    apart = np.abs(np.nan_to_num(more[:, 0] - more[:, 1]))
+    window = np.ones(min(max(round(2.0 * half / body.length * STATIONS), 3), STATIONS))
+    return float(np.convolve(apart, window / len(window), "same").max()) * 2.0 * (BESIDE - 1.0) * half
 
 
 def gradual(points: FloatArray, rest: float) -> FloatArray:

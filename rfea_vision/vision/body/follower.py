@@ -36,6 +36,7 @@ from rfea_vision.vision.body.fit import (
     end_rays,
     fit_body,
     looks_around,
+    off_beside,
 )
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
@@ -187,6 +188,8 @@ class BodyFollower:
     def _judged(self, lab: Picture, fit: Fit) -> Fit:
         """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
         fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
+        if self.first.fit is not None:
+            fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
         half = self.pointed_half() * float(middle(fit.body.half / self.first.half))
         fit.standing_out = standing_out(lab, fit.body, half)
         line_mm = unproject(self.camera, fit.body.points)
