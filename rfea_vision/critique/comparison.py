@@ -24,6 +24,7 @@ WORST_PLACES = 5  # listed; a page has room for no more
 WINDOW_S = 0.25  # over which the error is averaged: about one swing of the paper's tube
 STANDS_OUT = 1.2  # times the floor: nearer to it an error may be chance
 PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every phase in a run of 6 s
+PLACES = 8  # parts of the tube, for its error along it: bars that can be read beside one another
 
 
 def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArray, FloatArray]:
@@ -215,11 +216,11 @@ def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[
         np.concatenate([s[:, :nodes] for s in squares]),
         np.concatenate([r[:, :nodes] for r in residuals]),
     )
-    parts = np.array_split(np.arange(nodes), 8)
+    parts = np.array_split(np.arange(nodes), min(PLACES, nodes))
     return [
-        {
-            "from_sigma": float(part[0] / (nodes - 1)),
-            "to_sigma": float(part[-1] / (nodes - 1)),
+        {  # a node stands for the line halfway to its neighbours
+            "from_sigma": max((float(part[0]) - 0.5) / (nodes - 1), 0.0),
+            "to_sigma": min((float(part[-1]) + 0.5) / (nodes - 1), 1.0),
             "rmse_mm": _rms(square[:, part]),
             "bias_mm": float(np.nanmean(residual[:, part])),
         }

@@ -131,7 +131,7 @@ def sets_of(search: Search, weighed: Sequence[Weighed]) -> list[EffectSet]:
 
 
 def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) -> Remainder:
-    """What the named set leaves."""
+    """What the named set leaves; `goes_with` is what the torque left by the present model goes with, and by no other."""
     unit, left = search.floors.unit, 1 - verdict.share
     known = verdict.best is search.present
     held = search.held if known else verdict.best.errors.held
@@ -140,10 +140,12 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]
         sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit})."
     else:
         runs = "held-out runs" if search.trials.problem.validate else "the training runs"
-        sentence = f"{100 * left:.0f} % of the squared error above the floor is left: {told} {unit} on {runs}."
-        if goes_with:
+        part = f"{100 * left:.0f} %" if left >= 0.01 else "Less than 1 %"
+        sentence = f"{part} of the squared error above the floor is left: {told} {unit} on {runs}."
+        if known and goes_with:
             sentence += f" {100 * goes_with[0]['r2']:.0f} % of its torque goes with {goes_with[0]['what']}."
-    return Remainder(share=left, goes_with=list(goes_with), sentence=sentence, **{f"rmse_{unit}": held})  # type: ignore[arg-type]
+    own = list(goes_with) if known else []
+    return Remainder(share=left, goes_with=own, sentence=sentence, **{f"rmse_{unit}": held})  # type: ignore[arg-type]
 
 
 # -- words ---------------------------------------------------------------------------------------------------------------
@@ -199,7 +201,14 @@ def _complete(search: Search, found: Verdict) -> str:
     held, floor = rounded(search.held), rounded(search.floor)
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
-        return f"Nothing is missing that matters: the {which} is {held} {unit}, the floor {floor} {unit}."
+        text = f"Nothing is missing that matters: the {which} is {held} {unit}, the floor {floor} {unit}."
+        trained = search.present.errors.train
+        if trained > np.sqrt(2) * search.floor:  # a whole floor is left above the floor
+            text += (
+                f" The training runs are off by {rounded(trained)} {unit}, though: they ask more of the tube than the held-out runs, "
+                "which alone judge. Give one like them 'role: validate'."
+            )
+        return text
     return f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
 
 

@@ -25,6 +25,7 @@ COLUMN_IN, TEXT_IN = 3.5, 7.16
 """Widths of one and of two columns of a journal page (IEEE: 88.9 and 181.9 mm)."""
 _LETTER, _INSIDE = 0.6, 0.85  # width of a letter of DejaVu Sans in its size; what the axes have of a figure's width
 _PAPER_PT, _SCREEN_PT = 8.0, 10.0  # size of text in a paper and on a screen
+BEYOND = 0.005  # share of a map's values beyond the ends of its colours: a few wild ones would leave all others pale
 
 # Okabe and Ito's palette, told apart by people who do not see all colours (https://jfly.uni-koeln.de/color/).
 _BLUE, _ORANGE, _GREEN, _GREY, _PURPLE, _SKY = "#0072B2", "#D55E00", "#009E73", "#777777", "#CC79A7", "#56B4E9"
@@ -183,10 +184,12 @@ def _curve(axes: Axes, item: Series) -> None:
 
 
 def _map(axes: Axes, plate: Map) -> None:
-    top = float(np.nanmax(np.abs(plate.values))) if np.isfinite(plate.values).any() else 1.0
+    sizes = np.abs(plate.values)
+    top = float(np.nanquantile(sizes, 1 - BEYOND)) if np.isfinite(plate.values).any() else 1.0
     colours = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if plate.signed else {}
     mesh = axes.pcolormesh(plate.x_values, plate.y_values, plate.values, shading="nearest", rasterized=True, **colours)
-    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02)
+    pointed = "both" if plate.signed and np.any(sizes > top) else "neither"
+    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02, extend=pointed)
     bar.set_label(str(plate.value))
     bar.outline.set_linewidth(0.4)
     axes.set_xlabel(str(plate.x))

@@ -38,7 +38,8 @@ FIGURES = {
             "carpet",
             "Error along the tube",
             "One column per instant, clamp at the top, tip at the bottom. The strip on top names the phase of "
-            "the pressure. A complete model leaves grain without stripes or stains.",
+            "the pressure. A complete model leaves grain without stripes or stains. Half a per cent of all values lie "
+            "beyond the ends of the colours.",
             "Carpet of the distance between measured and modelled tube over time and along the tube",
             300,
         ),
@@ -67,8 +68,7 @@ FIGURES = {
             "torque",
             "Residual torque",
             "The torque per segment that would close the gap between model and measurement. Grey where it is "
-            "smaller than its "
-            "own standard error.",
+            "smaller than its own standard error. Half a per cent of all values lie beyond the ends of the colours.",
             "Carpet of the residual torque over time and segment",
             260,
         ),

@@ -82,7 +82,7 @@ def gravity_of(gravity_deg: float | None) -> tuple[float, float]:
 
 
 def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> ObservedMotion:
-    """Valid frames of a track as an `ObservedMotion`; midline, bend angle or tip, whichever is the first there.
+    """Valid frames of a track as an `ObservedMotion`; midline (of five nodes or more), bend angle or tip, whichever is the first there.
 
     gravity_deg : where gravity points, as in `gravity_of`
     """
@@ -90,7 +90,7 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
     time = track.time_s[valid]
     sign = bend_sign(bends)
     length, modal = 1.0, False
-    if "midline" in dataset:
+    if "midline" in dataset and dataset.sizes["node"] > MODES + 1:  # as many stretches between nodes as modes and their mean
         found, length = _modes(dataset["midline"].values[valid] * 1e-3, sign)
         modal = True
     elif "bend_angle" in dataset:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts.judgement import Comparison, ExperimentScore, Metrics
-from rfea_vision.critique.comparison import _sentences
+from rfea_vision.critique.comparison import _by_segment, _sentences
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
 from rfea_vision.errors import InputError
@@ -51,6 +51,16 @@ def test_phases_of_two_chambers_with_a_rippling_regulator():
     assert share("hold", 3, 9.8) > 0.9 and share("hold", 22, 28.8) > 0.9
     assert share("rest", 13, 19.8) > 0.9 and share("rest", 32, 40) > 0.9
     assert np.mean(np.isin(labels, ["reversal", "ringing"])) < 0.02
+
+
+@pytest.mark.parametrize("nodes", [3, 5, 8, 13, 25])
+def test_the_error_along_the_tube_is_told_whatever_the_number_of_nodes(nodes):
+    """A few painted marks are a centre line, too; the parts meet one another, from clamp to tip."""
+    rows = _by_segment([np.ones((4, nodes))], [np.zeros((4, nodes))])
+    assert len(rows) == min(nodes, 8)
+    assert [row["from_sigma"] for row in rows[1:]] == [row["to_sigma"] for row in rows[:-1]]
+    assert (rows[0]["from_sigma"], rows[-1]["to_sigma"]) == (0.0, 1.0)
+    assert all(row["to_sigma"] > row["from_sigma"] for row in rows) and rows[0]["rmse_mm"] == 1.0
 
 
 def test_dependence_sees_curves_and_no_chance():

@@ -13,7 +13,7 @@ from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.search import Search, Weighed
-from rfea_vision.critique.verdict import _likely, _unexplained, decide
+from rfea_vision.critique.verdict import _complete, _likely, _unexplained, decide, remainder_of
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.stages.products import rung_of
 from testing.claims import brier, calibration_error, claims
@@ -213,3 +213,35 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
     assert "nearest" not in _unexplained(search, found)
     search.present = SimpleNamespace(errors=_errors(0.09, 0.5))  # at the floor at the tip: what is left is seen along the tube only
     assert "Structure of 0.490 mm is left along the tube" in _unexplained(search, found)
+
+
+def test_the_torque_that_a_model_lacks_is_not_told_of_what_a_better_one_leaves():
+    """What is left once an effect is added was laid to the rate of the joint, which that effect had just taken away."""
+    present, better = SimpleNamespace(errors=_errors(2.4)), SimpleNamespace(errors=_errors(0.14))
+    search: Any = SimpleNamespace(
+        floors=SimpleNamespace(unit="mm"), floor=0.07, present=present, held=2.4,
+        trials=SimpleNamespace(problem=SimpleNamespace(validate=["run"])),
+    )  # fmt: skip
+    rate: Any = [{"what": "the joint's rate", "r2": 0.28}]
+    named: Any = SimpleNamespace(best=better, share=0.997, sufficient=False)
+    left = remainder_of(search, named, rate)
+    assert left.goes_with == [] and "the joint's rate" not in left.sentence
+    assert left.sentence.startswith("Less than 1 % of the squared error above the floor is left: about 0.14 mm")
+    nothing: Any = SimpleNamespace(best=present, share=0.0, sufficient=False)
+    left = remainder_of(search, nothing, rate)
+    assert left.goes_with == rate and "28 % of its torque goes with the joint's rate" in left.sentence
+
+
+def test_a_complete_model_that_its_training_runs_belie_says_so():
+    """The held-out run was a slow ramp; fast steps were off by two floors, and a load at the tip would have halved that."""
+    search: Any = SimpleNamespace(
+        floors=SimpleNamespace(unit="mm"), floor=0.1, held=0.09,
+        trials=SimpleNamespace(problem=SimpleNamespace(validate=["ramp"])),
+    )  # fmt: skip
+    found: Any = SimpleNamespace(sufficient=True)
+    for trained, said in ((0.12, False), (0.23, True)):
+        runs = {"steps": RunErrors("train", 100, trained**2, None), "ramp": RunErrors("validate", 100, 0.09**2, None)}
+        search.present = SimpleNamespace(errors=Errors(runs))
+        sentence = _complete(search, found)
+        assert sentence.startswith("Nothing is missing that matters: the held-out error is 0.0900 mm, the floor 0.100 mm.")
+        assert ("The training runs are off by 0.230 mm, though" in sentence) is said

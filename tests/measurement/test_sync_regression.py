@@ -93,6 +93,19 @@ def test_the_line_that_keeps_its_length_is_found_beside_the_centre_line():
     np.testing.assert_allclose(motion.bend_rad, bend, atol=2e-3)
 
 
+@pytest.mark.parametrize("nodes", [3, 4, 5])
+def test_a_line_of_three_or_four_nodes_has_a_bend_and_no_modes(nodes):
+    """Three marks on a tube are allowed, and made no equations for four modes: a singular matrix was a fault."""
+    bend = np.linspace(0.2, 1.5, 80)
+    angle = bend[:, None] * np.linspace(0, 1, nodes)
+    points = 120.0 / bend[:, None, None] * np.stack([np.cos(angle) - 1, -np.sin(angle)], axis=-1)
+    kept = {"midline": (("time", "node", "xy"), points), "tip": (("time", "xy"), points[:, -1])}
+    state = {"valid": ("time", np.ones(80, np.int8)), "reason": ("time", np.full(80, ""))}
+    motion = motion_of(Track(xr.Dataset(kept | state, coords={"time": np.arange(80) / RATE})), "left")
+    assert motion.modal is (nodes == 5)
+    np.testing.assert_allclose(motion.bend_rad, bend, atol=0.02)
+
+
 @pytest.mark.parametrize(("gravity_deg", "share"), [(90.0, -1.0), (0.0, 0.0), (180.0, 0.0), (None, 0.0)])
 def test_weight_pulls_where_the_rig_says(gravity_deg, share):
     """A straight beam of length L under gravity across it, towards its bend, feels -g (L - s)^2 / 2 a mass per length at s."""

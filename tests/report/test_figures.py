@@ -71,6 +71,18 @@ def test_the_numbers_drawn_stand_beside_with_units(drawn, tmp_path):
     assert isinstance(tip, Lines) and [item.name for item in tip.series] == ["measured", "modelled"]
 
 
+def test_a_wild_value_leaves_the_colours_of_all_others():
+    """The torque at the ends of a smoothed run is forty times the usual one: the whole map had been pale."""
+    values = np.random.default_rng(0).uniform(-1, 1, (10, 100))
+    values[0, 0] = -48.0
+    time, place = np.arange(100.0), np.arange(10.0)
+    plate = Map("torque", "T", Axis("time", "s"), Axis("place"), Axis("torque", "mN m"), time, place, values, True)
+    with _drawing("paper") as draw:
+        (mesh,) = draw(plate).axes[0].collections
+        assert mesh.norm.vmax == -mesh.norm.vmin == pytest.approx(1.0, abs=0.02)
+    assert plate.table()["torque [mN m]"].min() == -48.0
+
+
 def test_an_axis_of_decades_has_no_bars_and_plain_numbers(tmp_path):
     sets = (("training", np.array([1.46, 0.085])), ("held out", np.array([1.46, 0.086])))
     plate = Bars("ladder", "Ladder", ("base", "drag"), Axis("error", "mm"), sets, log_y=True)

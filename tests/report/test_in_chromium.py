@@ -92,6 +92,15 @@ def test_a_curve_is_drawn_by_what_one_can_see_of_it(opened: Browser) -> None:
     )
 
 
+def test_a_wild_value_leaves_the_colours_of_all_others(opened: Browser) -> None:
+    """The torque at the ends of a smoothed run is forty times the usual one: the whole carpet had been pale."""
+    end = opened.run(f"""(() => {{ {static("data.js")};
+      const calm = Float64Array.from({{length: 2000}}, (_, i) => Math.sin(i)); calm[3] = NaN;
+      const wild = calm.slice(); wild[0] = -48; wild[1999] = 30;
+      return [colourEnd(calm), colourEnd(calm, undefined, wild), colourEnd(undefined)]; }})()""")
+    assert end[0] == pytest.approx(1.0, abs=0.01) and end[1:] == [pytest.approx(1.0, abs=0.01), 1]
+
+
 def test_opens_on_the_failure_at_its_worst_moment(opened: Browser) -> None:
     assert opened.run("document.querySelector('[role=radio][aria-checked=true]').dataset.choose") == "0"
     first = opened.run(

@@ -66,6 +66,13 @@ function extent(...arrays) {
   return low <= high ? [low, high] : [0, 1];
 }
 
+// Where a colour scale ends: beyond lies a share of the values, since a few wild ones (the ends of a smoothed run) leave all others pale.
+const BEYOND = 0.005;
+function colourEnd(...arrays) {
+  const sizes = Float64Array.from(arrays.flatMap(array => [...array ?? []]).filter(v => v === v), Math.abs).sort();
+  return sizes[Math.floor((1 - BEYOND) * (sizes.length - 1))] || 1;
+}
+
 // What is shown, and who wants to know when it changes.
 const state = {rung: 0, earlier: false, experiment: 0, time: 0, window: [0, 1], same: true, segment: 0, against: "angle", shift: 0};
 const listeners = {};

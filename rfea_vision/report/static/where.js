@@ -41,8 +41,7 @@ function drawPhases(pen, box, x) {
 
 function widest(key) {
   const of = state.same ? manifest.rungs.map(r => prediction(r)) : [prediction()];
-  const [low, high] = extent(...of.map(p => series(p?.[key])));
-  const end = Math.max(Math.abs(low), Math.abs(high)) || 1;
+  const end = colourEnd(...of.map(p => series(p?.[key])));
   return [-end, end];
 }
 plots.carpet = carpet({data: () => series(prediction().carpet), limit: () => widest("carpet"), unit: "mm", yLabel: "clamp 0 … tip 1", places: () => [0, 1], paint: c => divergingRamp(c), strip: true});
