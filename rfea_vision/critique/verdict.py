@@ -202,7 +202,7 @@ def _complete(search: Search, found: Verdict) -> str:
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
         text = f"Nothing is missing that matters: the {which} is {held} {unit}, the floor {floor} {unit}."
-        trained = search.present.errors.train
+        trained = search.present.errors.train if search.trials.problem.validate else 0.0
         if trained > np.sqrt(2) * search.floor:  # a whole floor is left above the floor
             text += (
                 f" The training runs are off by {rounded(trained)} {unit}, though: they ask more of the tube than the held-out runs, "
