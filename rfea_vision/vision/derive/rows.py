@@ -125,4 +125,4 @@ class Rows:
         covariance, k = follower.work.covariance, COEFFICIENTS
         self.covariance_sum += covariance[:k, :k] / max(follower.work.numbers["noise"][0], 1e-3) ** 2
         for name, rows, part in (("shift", self.shift_rows, covariance[:k, :k]), ("width", self._width_rows, covariance[k:, k:])):
-            block[f"{name}_variance"][n] = np.sum(rows @ part * rows, axis=1)
+            block[f"{name}_variance"][n] = np.einsum("ij,ij->i", rows @ part, rows)

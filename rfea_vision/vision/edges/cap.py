@@ -12,7 +12,6 @@ from rfea_vision.vision.curve import point_and_tangent, value_at
 from rfea_vision.vision.edges.edgels import CAP, INFO, LEVEL_WINDOW, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
 CAP_VERTICES = 33
-MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured, at most: its corners are blurred, too,
 FROM_CORNERS = 2.0  # of the blur, and as far again where rows cross it at half a right angle, for they run along it
 LEAST_CAP_REACH = 0.5  # chosen: of an end that is smeared by its motion less is too little
@@ -55,7 +54,7 @@ def measure_cap(shot, state, work, noise, shape_gain):
     levels, blurs = state.levels[CAP, :CAP_VERTICES], state.blurs[CAP, :CAP_VERTICES]
     nothing = np.int64(0)
     filled = measure_polyline(
-        shot, state, work, np.int64(CAP), nothing, np.int64(CAP_VERTICES), across, 3.0 * px_per_mm * half, np.int64(1), nothing
+        shot, state, work, np.int64(CAP), nothing, np.int64(CAP_VERTICES), across, 3.0 * px_per_mm * half, nothing
     )
     expected = 2.0 * reach * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
@@ -169,8 +168,7 @@ def coarse_cap(shot, state, reach_px):
     for d in range(-reach, reach + 1):
         a = arm + d
         step = (strip[a - 1] + strip[a - 2] + strip[a - 3] - strip[a + 1] - strip[a + 2] - strip[a + 3]) / 3.0
-        # A step that is larger than that of the end is no end: a ferrule begins there.
-        score = min(step / contrast, MOST_CAP_STEP - step / contrast) - 0.01 * abs(d)
+        score = step / contrast - 0.01 * abs(d)
         if score > best:
             best, place = score, d
     return place / px_per_mm

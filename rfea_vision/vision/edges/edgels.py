@@ -29,7 +29,7 @@ SUM_IN, COUNT_IN, SUM_OUT, COUNT_OUT, BLUR_UP, BLUR_DOWN = 0, 1, 2, 3, 4, 5
 LEVEL_COLUMNS = 6
 
 LEFT, RIGHT, CAP = 0, 1, 2  # rows of a state's levels and blurs, and of their sums
-HOP = 4  # points from one piece of an edge to the next, where not every row is used
+HOP = 4  # points from one place to the next at which it is worked out how far a mm reaches
 PLATEAU_PX = 3.2  # of the level light to either side that is read with an edge
 LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
@@ -143,14 +143,13 @@ def _px_per_mm(camera, point, pixel_x, pixel_y, outward):
 
 
 @inlined
-def _lines_between(a, b, limit, stride):
-    """Every `stride`-th row (column) from `a` to `b`, inside the picture only: a curve that ran away must not be walked to its end."""
-    first = math.ceil(min(max(min(a, b), 0.0), limit))
-    return range(first + (-first) % stride, math.ceil(min(max(max(a, b), 0.0), limit)), stride)
+def _lines_between(a, b, limit):
+    """Rows (columns) from `a` to `b`, inside the picture only: a curve that ran away must not be walked to its end."""
+    return range(math.ceil(min(max(min(a, b), 0.0), limit)), math.ceil(min(max(max(a, b), 0.0), limit)))
 
 
 @lean
-def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, filled):
+def measure_polyline(shot, state, work, which, low, high, u, inner_px, filled):
     """Measure along one edge, whose points and outward directions are in `work`.
 
     Parameters
@@ -159,7 +158,6 @@ def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, f
     low, high : the points that are used
     u : (V,) parameter written to the stations
     inner_px : on the inner side that still belong to the tube
-    stride : use every so many rows
     filled : row of the table from which on stations are appended; returns the new count
     """
     picture, width, camera, _ = shot
@@ -167,13 +165,12 @@ def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, f
     stations, points, outward, sums = work.stations, work.edge, work.outward, work.sums[which]
     levels, blurs = state.levels[which], state.blurs[which]
     side = 0.0 if which == CAP else 1.0 - 2.0 * which
-    hop = HOP if stride > 1 else 1
     px0, py0 = project_point(camera, points[low, 0], points[low, 1])
     ox0, oy0 = _px_per_mm(camera, points[low], px0, py0, outward[low])
     following, row = low, np.int64(0)
     while following < high - 1:
         v = following
-        following = min(v + hop, high - 1)
+        following = v + 1
         px1, py1 = project_point(camera, points[following, 0], points[following, 1])
         ox1, oy1 = ox0, oy0
         if (following - low) % HOP == 0 or following == high - 1:  # how far a mm reaches changes slowly
@@ -193,7 +190,7 @@ def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, f
             blur = 0.5 * (blurs[v] + blurs[following])
             seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
             row = _blur_row(work.steps.blurs, seen, row)
-            for number in _lines_between(a, b, float(height if along_row else width), stride):
+            for number in _lines_between(a, b, float(height if along_row else width)):
                 f = (number - a) / span
                 vertex = v if f < 0.5 else following
                 place = px0 + f * dx if along_row else py0 + f * dy

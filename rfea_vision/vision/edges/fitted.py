@@ -21,7 +21,6 @@ class FrameFit(NamedTuple):
     tip_variance: float
     noise: float  # grey levels
     used: float  # share of the edges
-    innovation: float
     profile: float  # of an edge that is not a blurred step
     blur: float
     cap_used: float

@@ -35,7 +35,7 @@ MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted
 
 
 @lean
-def measure_sides(shot, state, work, stride, from_u, to_u):
+def measure_sides(shot, state, work, from_u, to_u):
     """Stations of both edges at the present curve; returns their number, and the length of the curve."""
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     work.sums[:] = 0.0
@@ -49,7 +49,7 @@ def measure_sides(shot, state, work, stride, from_u, to_u):
             for k in range(2):
                 work.outward[v, k] = side * work.normal[v, k]
                 work.edge[v, k] = work.centre[v, k] + work.half_width[v] * work.outward[v, k]
-        filled = measure_polyline(shot, state, work, which, low, high, work.u, inner_px, stride, filled)
+        filled = measure_polyline(shot, state, work, which, low, high, work.u, inner_px, filled)
     return filled, length
 
 

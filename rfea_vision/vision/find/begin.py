@@ -24,7 +24,7 @@ from rfea_vision.vision.curve import (
 from rfea_vision.vision.edges.cap import cap_levels, measure_cap
 from rfea_vision.vision.edges.fitted import Buffers, Shot, State
 from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
-from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
+from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates
 from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
@@ -234,8 +234,6 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path
     fix_clamp(state)
     state.reference[:2] = state.levels[:2, :, 0] - state.levels[:2, :, 1]
     inside, outside = state.levels[:2, -VERTICES // 16 :, 0].mean(), state.levels[:2, -VERTICES // 16 :, 1].mean()
-    if tip.kind == "step":  # a ferrule or a cap may be of another light than the tube
-        inside, outside = light_at_end(picture, scene.camera, state.coefficients, half)
     if (inside - outside) / contrast < LEAST_TIP_STEP:
         inside, outside = outside + contrast, outside
     state.reference[2] = inside - outside
@@ -322,9 +320,9 @@ def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers
     blur_limit = 0.3 * scene.half_mm * scene.px_per_mm
     for turn in range(turns):
         fix_clamp(state)
-        measure_sides(shot, state, work, 2, 0.03, 0.97)
+        measure_sides(shot, state, work, 0.03, 0.97)
         update_levels(state, work, 1.0, blur_limit, px_per_vertex)
-        filled, length = measure_sides(shot, state, work, 1, 0.03, 0.97)
+        filled, length = measure_sides(shot, state, work, 0.03, 0.97)
         wide = (8.0 if turn < 2 else 3.0) / scene.px_per_mm
         solution, _, number = fit_sides(state, work, filled, wide, 3.0)
         kept = number / max(2.0 * length * scene.px_per_mm * 0.94 * 0.85, 1.0)

@@ -18,7 +18,6 @@ STEP_MM = 0.05
 HALF_WINDOW = 20  # steps of `STEP_MM` to either side of a place, over which light is averaged
 LEAST_STEP = 0.3  # of the contrast between tube and background
 LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
-END_STRIP_MM = (0.6, 2.0)  # so far from the tip its light is read, to either side
 BANDS = (-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18)  # half widths off the line: in the tube, and beside it,
 BAND_PLACES = 9  # at so many places of which the light is read
 APART_MM = 0.5  # at this distance pixels have different noise
@@ -94,15 +93,6 @@ def _peaks(strongest: FloatArray, least: float) -> NDArray[np.bool_]:
     """Where a step is larger than `least`, and than what is beside it."""
     beside = cv2.dilate(strongest.reshape(-1, 1), np.ones((HALF_WINDOW + 1, 1), dtype=np.uint8)).ravel()
     return (strongest > least) & (strongest >= beside - 1e-12)
-
-
-def light_at_end(
-    picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float
-) -> tuple[float, float]:
-    """Light on the tube just before its tip, and just beyond it."""
-    s, points, tangents = extended(coefficients, True, END_STRIP_MM[1], END_STRIP_MM[1])
-    light = strips(picture, camera, points, tangents, half_mm)[0][:, 0]
-    return float(light[s < -END_STRIP_MM[0]].mean()), float(light[s > END_STRIP_MM[0]].mean())
 
 
 def end_candidates(

@@ -64,8 +64,8 @@ class Follower:
             reason = self._find(luma)
             if reason:
                 return reason
-        shot, moving = self.scene.shot(luma), self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5
-        if moving and self.judge.repeated(shot):  # a copy written by the recorder
+        shot = self.scene.shot(luma)
+        if self.judge.repeated(shot) and self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5:  # a copy written by the recorder
             return "duplicate"
         self._brighten(self.judge.brightening(shot))
         reason = self._fit_predicted(shot, time_s)

@@ -1,4 +1,4 @@
-"""One frame from the last: search coarsely, fit both edges and the end, and say how well it went. Compiled."""
+"""One frame from the last: fit both edges and the end, and say how well it went. Compiled."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value_at, vertices_of
 from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
 from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
-from rfea_vision.vision.follow.coarse import NEAR_PX, apply_coarse, coarse_search
 
 TURNS = 8
 MOST_BLUR = 0.55  # of the half width: beyond it the two edges are one
-SPARSE = 3  # rows from one station to the next while the curve is still on its way
+FORETOLD = 0.6  # of the edges, chosen: where fewer are near their expected places, they are looked for farther off
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
+ON_PLACE_PX = 0.06  # the same of the steps that follow, which start from what was read elsewhere
 END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
 LOOKED_ALONG = 65  # places along the curve, from which its length and its turning are told before its end is looked for
 ROUNDED = 1.5  # length of a rounded end over the sagitta that is fitted to its middle: of a half circle, a bit less
@@ -52,45 +52,39 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     px_per_vertex = max(length * px_per_mm / (VERTICES - 1), 0.2)
     blur_limit = MOST_BLUR * px_per_mm * work.half_width[VERTICES // 2]
-    filled = coarse_search(shot, state, work, reach_px)
-    if filled >= 6:
-        numbers.innovation = apply_coarse(state, work, filled, px_per_mm)
     from_u = _margin_px(shot, state, 0.0) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(shot, state, 1.0) / px_per_mm / max(length, 1.0)
-    sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
-    # Where the prediction is near, every row is taken at once: most frames need no more.
-    whole = filled >= 6 and numbers.innovation < NEAR_PX
-    cap_used = 0.0
-    enough = 0.2
-    if numbers.innovation > 3.0:  # on the way here the end's blur was read from anything but the end
-        enough = 0.06
-        state.blurs[2] = np.median(state.blurs[0])
+    near, enough, cap_used = True, AT_ONCE_PX, 0.0
     for turn in range(TURNS):
-        stride = 1 if whole else sparse
-        filled, length = measure_sides(shot, state, work, stride, from_u, to_u)
-        wide = (2.5 if whole else 6.0) / px_per_mm
-        solution, noise, kept = fit_sides(state, work, filled, wide, noise)
-        numbers.used = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
+        filled, length = measure_sides(shot, state, work, from_u, to_u)
+        rows = max(2.0 * length * px_per_mm * (to_u - from_u) * 0.85, 1.0)
+        solution, noise, kept = fit_sides(state, work, filled, (2.5 if near else 6.0) / px_per_mm, noise)
+        if turn == 0 and kept < FORETOLD * rows:
+            near = False
+            solution, noise, kept = fit_sides(state, work, filled, 6.0 / px_per_mm, noise)
+        numbers.used = kept / rows
         if kept < 20 or not _plausible(work.half_width) or not np.isfinite(solution).all():
             numbers.length = 0.0
             return
-        if whole:
-            numbers.profile = profile_error(state, work, filled, noise)
-            gaps(work, filled, numbers, to_u)
+        numbers.profile = profile_error(state, work, filled, noise)
+        gaps(work, filled, numbers, to_u)
         update_levels(state, work, 1.0 if turn == 0 else 0.5, blur_limit, px_per_vertex)
         largest = 0.0
         for k in range(33):
             largest = max(largest, abs(value_at(solution[: state.coefficients.shape[0]], k / 32.0)))
         move_state(state, solution, 0.0)
+        if turn == 0 and largest * px_per_mm > 3.0:  # on the way here the end's blur was read from anything but the end
+            state.blurs[2] = np.median(state.blurs[0])
         if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
             _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign)
         looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
-        moved, cap_used = _fit_end(shot, state, work, noise, shape_gain * whole, blur_limit, looks)
+        moved, cap_used = _fit_end(shot, state, work, noise, shape_gain * near, blur_limit, looks)
         largest = max(largest, moved) * px_per_mm
         numbers.last_step = largest
-        if whole and largest < (AT_ONCE_PX if turn == 0 else enough):
+        if near and largest < enough:
             break
-        whole = whole or largest < 0.8 or turn >= 4
+        enough = ON_PLACE_PX
+        near = near or largest < 0.8 or turn >= 4
     _describe(shot.camera, state, work, noise, cap_used)
 
 

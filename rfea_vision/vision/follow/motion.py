@@ -24,21 +24,23 @@ class CurvePredictor:
     def __init__(self) -> None:
         self.last: FloatArray = np.zeros((COEFFICIENTS, 2))
         self.past: list[tuple[float, FloatArray]] = []  # times and curves, the latest first; none after it was lost
+        self.foretold: list[FloatArray] = []  # curves at the time that was asked for, by each order
         self.missed_by = [0.0, 0.0, np.inf]  # until it is known, a tube goes on as it went
 
     def begin(self, coefficients: FloatArray) -> None:
         """Start from a first curve, of which nothing but its place is known."""
-        self.last, self.past = coefficients.copy(), []
+        self.last = coefficients.copy()
+        self.forget()
 
     def forget(self) -> None:
         """What was lost may have gone anywhere: its pace no longer counts."""
-        self.past = []
+        self.past, self.foretold = [], []
 
     def follow(self, coefficients: FloatArray, time_s: float) -> None:
-        """Add a curve that was seen, and compare with it what each order makes of those before."""
+        """Add a curve that was seen, and compare with it what each order has foretold."""
         if self.past and time_s - self.past[0][0] <= 1e-6:
-            self.past = []
-        for order, guess in enumerate(self._foretold(time_s)):
+            self.forget()
+        for order, guess in enumerate(self.foretold):
             off = guess - coefficients
             before = error = float(np.vdot(off, off))
             if len(self.past) > order + 1:
@@ -48,9 +50,10 @@ class CurvePredictor:
         self.past = [(time_s, self.last), *self.past[: ORDERS - 1]]
 
     def predict(self, time_s: float, out: FloatArray) -> None:
-        """Put the curve expected at `time_s` into `out`, by the order that has missed by least."""
-        guesses = self._foretold(time_s)
-        out[:] = guesses[int(np.argmin(self.missed_by[: len(guesses)]))]
+        """Put the curve expected at `time_s`, by the order that has missed by least, into `out`."""
+        self.foretold = self._at(time_s)
+        missed_by = self.missed_by[: len(self.foretold)]
+        out[:] = self.foretold[missed_by.index(min(missed_by))]
 
     def step_mm(self, time_s: float) -> float:
         """How far the fastest part of the tube goes until `time_s`, at its last pace."""
@@ -59,7 +62,7 @@ class CurvePredictor:
         (now, here), (then, there) = self.past[:2]
         return float(np.sqrt(((here - there) ** 2).sum(axis=1).max())) / (now - then) * max(time_s - now, 0.0)
 
-    def _foretold(self, time_s: float) -> list[FloatArray]:
+    def _at(self, time_s: float) -> list[FloatArray]:
         """The curves at `time_s` by Newton's polynomials of each order through the last ones: how the tube as a whole goes on."""
         if len(self.past) < 2:
             return [self.last] * len(self.past)
