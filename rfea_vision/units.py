@@ -137,7 +137,9 @@ def _with_unit(number: str, example: str) -> str:
     return f"{number}{' ' if ' ' in example else ''}{unit}"
 
 
-_REFERENCED = re.compile(r"^(bar|psi|kPa|MPa|Pa|mbar|hPa)\s*[\[(]?(g|a|gauge|abs|absolute|rel)[\])]?$", re.IGNORECASE)
+_REFERENCED = re.compile(
+    r"^(bar|psi|kPa|MPa|Pa|mbar|hPa)[\s_]*[\[(]?(g|a|gauge|abs|absolute?|rel|relative?)\.?[\])]?$", re.IGNORECASE
+)
 
 
 def pressure_unit(text: str) -> tuple[str, str | None]:

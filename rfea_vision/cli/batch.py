@@ -231,5 +231,6 @@ def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | No
         for sentence in empty.values():
             click.echo(f"left out: {sentence}", err=True)
         click.echo(f"{path}: {counted(len(rows), 'row')}, {counted(len(columns), 'column')}")
-        say_next("rfea report --group", *folders, why="the same tubes on one page")
+        shown = [folder for folder in folders if str(folder) not in empty]
+        say_next("rfea report --group", *shown, why="the same tubes on one page")
     return DataError.exit_code if empty else 0

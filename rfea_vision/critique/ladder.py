@@ -205,7 +205,7 @@ class _Climb:
         # a set of stand-ins helps together: what one of them does alone is no reason to drop it
         if step.grade != "stand-in":
             found = _without_needless(self.scored, found, self.floor, name)
-        return as_artefact(self.problem, found)
+        return as_artefact(self.problem, replace(found, steady=self.model.steady_state))
 
     def take(self, step: Step, model: ModelFit) -> None:
         """Stand on the model that a step has led to."""

@@ -140,7 +140,8 @@ def _camera(evidence: Evidence) -> list[Plate]:
     if field := quality.get("uncertainty_map"):
         title, value = "Uncertainty of a point in the plane", Axis("standard error", "mm")
         across, down, sigma = (np.array(field[key], dtype=float) for key in ("x_px", "y_px", "sigma_mm"))
-        found.append(Map("uncertainty", title, x, y, value, across, down, sigma, y_down=True))
+        most = 10.0 * float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else None  # beyond the photos it grows without end
+        found.append(Map("uncertainty", title, x, y, value, across, down, sigma, y_down=True, most=most))
     if seen := quality.get("coverage"):
         across, down, counts = (np.array(seen[key], dtype=float) for key in ("x_edges_px", "y_edges_px", "counts"))
         across, down = ((edges[1:] + edges[:-1]) / 2 for edges in (across, down))

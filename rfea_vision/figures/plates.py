@@ -80,7 +80,7 @@ class Lines(Plate):
 
 @dataclass(frozen=True)
 class Map(Plate):
-    """Values over two axes; `signed` has its middle colour at zero."""
+    """Values over two axes; `signed` has its middle colour at zero, and no colour tells more than `most` from it."""
 
     x: Axis
     y: Axis
@@ -91,6 +91,7 @@ class Map(Plate):
     signed: bool = False
     y_down: bool = False
     names: tuple[str, ...] = ()
+    most: float | None = None
 
     def table(self) -> pd.DataFrame:
         x, y = np.meshgrid(self.x_values, self.y_values)

@@ -186,9 +186,11 @@ def _curve(axes: Axes, item: Series) -> None:
 def _map(axes: Axes, plate: Map) -> None:
     sizes = np.abs(plate.values)
     top = float(np.nanquantile(sizes, 1 - BEYOND)) if np.isfinite(plate.values).any() else 1.0
-    colours = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if plate.signed else {}
+    colours: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if plate.signed else {"vmax": plate.most}
     mesh = axes.pcolormesh(plate.x_values, plate.y_values, plate.values, shading="nearest", rasterized=True, **colours)
     pointed = "both" if plate.signed and np.any(sizes > top) else "neither"
+    if plate.most is not None and np.any(plate.values > plate.most):
+        pointed = "max"
     bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02, extend=pointed)
     bar.set_label(str(plate.value))
     bar.outline.set_linewidth(0.4)

@@ -36,8 +36,8 @@ from rfea_vision.progress import Progress
 #: Ends whose costs differ by less than this share are one; so many starts that end there leave no doubt, two could by chance.
 AGREEING, AGREEING_STARTS = 1e-3, 3
 STIFFER_STARTS = (1.5, 3.0, 6.0)  # factors on the stiffness, tried in turn until the tube has a steady state
-#: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
-GOOD_STEADY = 50.0
+#: A steady-state fit that misses by more than this (1 mm, or 0.6 deg) may have missed the minimum, as from a slope that is too steep.
+GOOD_STEADY = 10.0
 #: A start whose tip is off by this share of the length, or this many rad, at some moment is not the only one to try; at half of
 #: it a base is bent too much out of shape to be the only place where an effect begins.
 FAR_OFF, BENT = 0.1, 0.05

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 
 import numpy as np
@@ -18,6 +19,7 @@ _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar":
 
 #: Share within which two units are the same: the nearest that are not, at and bar, differ by 2 %.
 _SAME_UNIT = 0.005
+_NEEDS_QUOTES = re.compile(r"[\[\]{},:#\"'&*!|>%@`]")
 
 # What loggers call their columns, in the languages of the labs that we know of.
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
@@ -36,6 +38,8 @@ def column(table: Table, name: str, key: str) -> str:
         return name
     part = key.split(".")[1]
     meant = _meant(table, name, part)
+    if meant and _NEEDS_QUOTES.search(meant):
+        meant = json.dumps(meant, ensure_ascii=False)  # within the braces of one line brackets and commas are YAML's own
     remedy = f"write '{part}: {meant}'" if meant else f"say which one it is with '{part}: NAME'"
     raise InputError(f"{table.source}: no column '{name}' ({key}); there are: {listed(list(table.columns))}; {remedy}")
 
@@ -60,12 +64,13 @@ def _meant(table: Table, name: str, part: str) -> str | None:
 
 
 def said_unit(table: Table, name: str, like: str) -> str | None:
-    """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``.
+    """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``, ``p [kPa abs]``.
 
     None where none is given, or the end of the name is no unit of what `like` measures. ``p_atm`` is the pressure of the
     atmosphere, not one in atmospheres.
     """
-    match = re.search(r"(?:_(?!(?i:atm?)\b)|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?(?:\.\d+)?$", name)
+    counted = r"\([ag]\)|[ _](?:abs|gauge|rel)[a-z]*\.?"  # from where a pressure counts
+    match = re.search(rf"(?:_(?!(?i:atm?)\b)|\s*[\[(])([A-Za-z°ºµ]+(?:{counted})?)[\])]?(?:\.\d+)?$", name)
     found = table.units.get(name) or (match[1] if match else None)
     if found is None:
         return None

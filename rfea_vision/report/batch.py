@@ -185,10 +185,14 @@ def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
         })  # fmt: skip
     steady = last.fit.steady_state if last else {}
     profiles = last.comparison.elongation.get("profiles", []) if last and last.comparison else []
+    synchronised = any(experiment.recording is not None for experiment in evidence.experiments)
+    no_loops = "no bend angle was measured." if synchronised else "no run has been synchronised: run `rfea sync`."
+    angled = any(angle is not None for angle in steady.get("angle_deg", []))
+    no_rest = "its model has no steady state: no rest at a pressure was found."
     absent = {
         "intervals": "" if last else "no model has been fitted, so it has no parameters.",
-        "loops": "" if loops else "no run has bend angle and pressure on one clock: run `rfea sync`.",
-        "steady": "" if steady.get("pressure_kPa") else "its model has no steady state: no rest at a pressure was found.",
+        "loops": "" if loops else no_loops,
+        "steady": "" if angled else "no bend angle was measured." if steady.get("pressure_kPa") else no_rest,
         "profiles": "" if any(row.get("measured") for row in profiles) else "no elongation along the tube was measured.",
     }
     return {"steady": steady, "profiles": profiles, "loops": loops, "absent": absent}

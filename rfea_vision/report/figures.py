@@ -194,7 +194,8 @@ FIGURES = {
         Figure(
             "uncertainty",
             "Uncertainty",
-            "Standard error of a point in the plane of motion, relative to the middle of the picture.",
+            "Standard error of a point in the plane of motion, relative to the middle of the picture. Brightest: ten times "
+            "the median, or more.",
             "Map of the calibration's standard error in mm over the picture",
             300,
         ),

@@ -36,6 +36,8 @@ def campaign_rows(folder: Path) -> list[dict[str, object]]:
     InputError
         If there is no model, or one cannot be read.
     """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give campaigns, or folders of results")
     out = folder if (folder / "models").is_dir() else folder / OUTPUT_FOLDER
     files = sorted((out / "models").glob("*/model.json"))
     if not files:

@@ -52,7 +52,7 @@ def test_diameters_given_as_radii_are_doubted(tmp_path):
 @pytest.mark.parametrize(
     ("header", "remedy"),
     [
-        ("Zeit [s],Druck [bar]", "pressure: Druck [bar]"),
+        ("Zeit [s],Druck [bar]", 'pressure: "Druck [bar]"'),
         ("t,valve,p1", "pressure: p1"),
         ("time_s,valve,lamp", "say which one it is"),
     ],

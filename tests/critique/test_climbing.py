@@ -44,6 +44,7 @@ def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign, tmp_path):
 
     ladder, whole = climb()
     assert len(whole) == 3, "two effects are hidden"
+    assert whole[0][0].steady_state and all(model.steady_state == whole[0][0].steady_state for model, _ in whole)
     for model, diagnosis in whole:
         model.save(tmp_path / f"{model.name}.json")
         diagnosis.save(tmp_path / f"{model.name}-diagnosis.json")

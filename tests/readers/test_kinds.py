@@ -198,6 +198,10 @@ def test_numbers_as_people_elsewhere_write_them(tmp_path, text, encoding):
         ({"p_hPa": PRESSURE_kPa * 10}, {}),
         ({"p [mbar]": PRESSURE_kPa * 10}, {}),
         ({"p [bar(a)]": (PRESSURE_kPa + 101.325) / 100}, {}),
+        ({"p [kPa abs]": PRESSURE_kPa + 101.325}, {}),
+        ({"p_kPa_abs": PRESSURE_kPa + 101.325}, {}),
+        ({"Druck [bar absolut]": (PRESSURE_kPa + 101.325) / 100}, {}),
+        ({"p (mbar rel.)": PRESSURE_kPa * 10}, {}),
         ({"p_psig": PRESSURE_kPa / 6.894757293168361}, {}),
         ({"p": (PRESSURE_kPa + 97.5) / 100, "amb": np.full(120, 0.975)}, {"unit": "bara", "ambient": "amb"}),
         (

@@ -8,12 +8,17 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render, render_comparison, render_index, render_notebook
+from rfea_vision.report.batch import _side
 from rfea_vision.report.collect import collect
+from rfea_vision.report.pack import Pack
 from rfea_vision.stages.publishing import _labels, _page_beside
 from testing.readable import FAINT_TEXT
 from testing.report.browser import Browser
@@ -116,6 +121,19 @@ def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:
     for why in ("no model has been fitted", "has no steady state", "no elongation along the tube"):
         assert len([text for text in absent if text.startswith("tube-C is not drawn: ") and why in text]) == 1, absent
     assert not [text for text in absent if text.startswith("tube-A is not drawn")]
+
+
+def test_a_pair_says_that_no_angle_was_measured_and_asks_for_nothing(tube_a: Path) -> None:
+    """Of a tip alone: 'run rfea sync' was said though it had run, and that no rest was found though there were eight."""
+    recording = SimpleNamespace(name="a", role="train", recording=xr.Dataset({"tip": (("time", "xy"), np.zeros((3, 2)))}))
+    rest = {"pressure_kPa": [0.0, 50.0], "angle_deg": [None, None], "fitted_angle_deg": [0.0, 30.0]}
+    fit = SimpleNamespace(steady_state=rest)
+    evidence: Any = SimpleNamespace(experiments=[recording], last=SimpleNamespace(fit=fit, comparison=None))
+    absent = _side(evidence, Pack())["absent"]
+    assert absent["loops"] == absent["steady"] == "no bend angle was measured."
+    fit.steady_state, recording.recording = {}, None
+    absent = _side(evidence, Pack())["absent"]
+    assert "run `rfea sync`" in absent["loops"] and "no rest at a pressure was found" in absent["steady"]
 
 
 def test_parameters_are_compared_by_tube_and_a_missing_one_is_said(tube_a: Path, tmp_path: Path) -> None:

@@ -80,6 +80,8 @@ def test_a_wild_value_leaves_the_colours_of_all_others():
     with _drawing("paper") as draw:
         (mesh,) = draw(plate).axes[0].collections
         assert mesh.norm.vmax == -mesh.norm.vmin == pytest.approx(1.0, abs=0.02)
+        (mesh,) = draw(replace(plate, values=np.abs(values), signed=False, most=3.0)).axes[0].collections
+        assert mesh.norm.vmax == 3.0
     assert plate.table()["torque [mN m]"].min() == -48.0
 
 

@@ -101,6 +101,16 @@ def test_a_wild_value_leaves_the_colours_of_all_others(opened: Browser) -> None:
     assert end[0] == pytest.approx(1.0, abs=0.01) and end[1:] == [pytest.approx(1.0, abs=0.01), 1]
 
 
+def test_one_field_beyond_the_photos_leaves_the_colours_of_all_others(opened: Browser) -> None:
+    """Its standard error was 256 mm, that of the tube's place 0.02 mm, and the map had two colours."""
+    source = re.search(r"(?s)function uncertaintyEnds.*?\n}\n", static("camera.js"))
+    median = re.search(r"const median = .*", static("camera.js"))
+    assert source and median
+    ends = opened.run(f"""(() => {{ {static("data.js")}; {median[0]}; {source[0]};
+      return [uncertaintyEnds([null, 0.02, 0.1, 0.3, 256]), uncertaintyEnds([0.02, 0.1, 0.3]), uncertaintyEnds([null])]; }})()""")
+    assert ends[0] == [0.02, pytest.approx(3.0)] and ends[1] == [0.02, 0.3] and len(ends[2]) == 2
+
+
 def test_opens_on_the_failure_at_its_worst_moment(opened: Browser) -> None:
     assert opened.run("document.querySelector('[role=radio][aria-checked=true]').dataset.choose") == "0"
     first = opened.run(

@@ -68,6 +68,16 @@ def test_what_there_is_one_of_is_in_the_singular(campaigns, tmp_path, capsys):
     assert "one.csv: 1 row, " in capsys.readouterr().out
 
 
+def test_a_folder_that_is_not_there_is_told_as_that_and_not_shown_next(campaigns, tmp_path, capsys):
+    films, _, empty = campaigns
+    gone = tmp_path / "gone"
+    assert run(["table", str(films), str(empty), str(gone), "-o", str(tmp_path / "some.csv")]) == 1
+    said = capsys.readouterr()
+    assert f"{gone}: no such folder" in said.err and "empty: holds no model" in said.err
+    shown = next(line for line in (said.out + said.err).splitlines() if line.startswith("next:"))
+    assert str(films) in shown and str(gone) not in shown and str(empty) not in shown
+
+
 def test_a_broken_result_and_a_missing_library_are_one_sentence(campaigns, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert run(["table", str(campaigns[0]), "-o", str(tmp_path / "a.parquet")]) == 2

@@ -32,11 +32,16 @@ function pictureOf(address) {
 for (const photo of manifest.calibration.photos) photo.thumbnail = photo.picture ? pictureOf(photo.picture) : null; // early, so that paper has them
 const median = values => [...values].sort((a, b) => a - b)[values.length >> 1];
 
+// Beyond the photos an error grows without end: brightest is ten times the median, or more.
+function uncertaintyEnds(values) {
+  const seen = values.filter(v => v !== null), [low, high] = extent(seen);
+  return [low, seen.length ? Math.min(high, 10 * median(seen)) : high];
+}
 plots.uncertainty = {
   need: () => manifest.calibration.uncertainty_map ? undefined : manifest.calibration.size ? "camera.yaml carries no map of its uncertainty: there was no photo of the plane, or the file came from another tool." : noCalibration(),
   draw(pen) {
     const {uncertainty_map: map, size: [w, h]} = manifest.calibration, c = pen.colours, box = area(pen, {left: 8, right: 84, top: 4, bottom: 22});
-    const k = Math.min((box.right - box.left) / w, (box.bottom - box.top) / h), flat = map.sigma_mm.flat(), [low, high] = extent(flat);
+    const k = Math.min((box.right - box.left) / w, (box.bottom - box.top) / h), [low, high] = uncertaintyEnds(map.sigma_mm.flat());
     pen.rect(box.left, box.top, w * k, h * k, c.sunk);
     const dx = (map.x_px[1] - map.x_px[0]) * k, dy = (map.y_px[1] - map.y_px[0]) * k;
     pen.clip(box.left, box.top, w * k, h * k, () => map.y_px.forEach((y, i) => map.x_px.forEach((x, j) => {
