@@ -22,7 +22,7 @@ from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.model import frame_of
-from rfea_vision.vision.body.rules import LEAST_SLENDER
+from rfea_vision.vision.body.rules import FOLDED, LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, allowed_pixels, begin, digits_of, line_of
@@ -143,7 +143,11 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
             f"nearer, or with more pixels, some {max(1.5, 2 * LEAST_WIDE_PX / wide_px):.1f} times as many across it"
         )
     seen, picture = _first_look(source, scene)
-    seen.next(picture, 0.0)
+    if FOLDED in seen.next(picture, 0.0):
+        return (
+            "as it is seen in the first frame the tube turns there within its own width, as one does that bends towards the camera: "
+            "film it from where it bends in the picture's plane, or begin the film where it lies in that"
+        )
     within, beside = seen.body.inside[:, None], seen.body.outside
     clear = np.median(np.abs(within[:, :, 0] - beside[:, :, 0]) / np.sqrt(within[:, :, 1] + beside[:, :, 1]), axis=0).max(axis=-1)
     if clear.min() >= LEAST_CLEAR:

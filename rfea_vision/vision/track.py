@@ -184,7 +184,7 @@ def _why_lost(
         if isinstance(follower, Follower):  # edges alone rest on the side
             side = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
-    remedy = end_like_wall(follower) or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
+    remedy = (end_like_wall(follower) if rows.good else "") or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
     return f"{measured} ({rows.commonest_reason}); {remedy}"
 
 

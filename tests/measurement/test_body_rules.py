@@ -149,6 +149,16 @@ def as_first(body, share=1.0):
     return Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
 
 
+def test_a_line_that_turns_within_its_width_is_folded_and_where_is_said():
+    """A turn of 140 degrees over 20 px, at two fifths of a line: of a body 8 px wide, and of one that is 20 px wide."""
+    heading = 2.5 * np.clip((SHARES - 0.35) / 0.1, 0.0, 1.0)
+    line = 60.0 + 200.0 / 64 * np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    first = First(200.0, np.full(STATIONS, 10.0), (300, 300), 100.0, 2.0, None)
+    bodies = [first_body(np.zeros((300, 300, 3), np.uint8), line, half) for half in (4.0, 10.0)]
+    thin, wide = (refused(first, as_first(body)) for body in bodies)
+    assert thin == "" and re.fullmatch(r"no_fit: the line that fits is folded, (3[5-9]|4[0-5]) mm from the clamp", wide)
+
+
 def test_a_line_beside_which_the_tube_goes_on_is_refused():
     """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)

@@ -161,6 +161,15 @@ def test_where_no_hint_helps_it_is_said_what_the_film_lacks(half, tip, wall, sai
     assert bool(told) == bool(said) and re.match(said, told)
 
 
+def test_a_body_that_bends_towards_the_camera_is_told_so(monkeypatch):
+    """What turns within its own width in the first frame does not bend in the picture's plane: no hint mends that."""
+    looked = SimpleNamespace(next=lambda picture, time_s: "no_fit: the line that fits is folded, 26 mm from the clamp")
+    monkeypatch.setattr(advice, "_first_look", lambda source, scene: (looked, None))
+    source: Any = SimpleNamespace(size=(240, 260))
+    told = advice.film_lacks(source, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)))
+    assert "turns there within its own width, as one does that bends towards the camera" in told
+
+
 def test_a_base_that_turns_is_told_by_its_turn():
     """A link held by fingers: it stays where it is and turns, and the arm with it."""
     link = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (260, 240, 3)), (0, 0), 4.0)

@@ -39,6 +39,8 @@ LEAST_SLENDER = 1.5
 FIRST_SEEN = 0.25
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
+GATHERED = 0.4  # of a line's length, between two of its points: so near to each other it folds
+FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
 # well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
@@ -181,9 +183,12 @@ def _folded(first: First, fit: Fit) -> str:
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
-    sharpest = float(np.max((bend * fit.body.half[span:-span])[span:]))  # nearer to the clamp edges count less
-    gathered = float(np.linalg.norm(chords, axis=1).min()) / (span * step)
-    return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
+    sharp = (bend * fit.body.half[span:-span])[span:]  # nearer to the clamp edges count less
+    gathered = np.linalg.norm(chords, axis=1) / (span * step)
+    if sharp.max() < SHARPEST and gathered.min() > GATHERED:
+        return ""
+    place = SHARES[int(np.argmax(sharp)) + 2 * span if sharp.max() >= SHARPEST else int(np.argmin(gathered)) + span // 2]
+    return f"{FOLDED}, {place * first.length_mm:.{digits_of(first.length_mm)}f} mm from the clamp"
 
 
 def _border(first: First, fit: Fit) -> str:
