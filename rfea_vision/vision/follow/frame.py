@@ -54,7 +54,7 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
     blur_limit = MOST_BLUR * px_per_mm * work.half_width[VERTICES // 2]
     from_u = _margin_px(shot, state, 0.0) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(shot, state, 1.0) / px_per_mm / max(length, 1.0)
-    near, enough, cap_used = True, AT_ONCE_PX, 0.0
+    near, enough = True, AT_ONCE_PX
     for turn in range(TURNS):
         filled, length = measure_sides(shot, state, work, from_u, to_u)
         rows = max(2.0 * length * px_per_mm * (to_u - from_u) * 0.85, 1.0)
@@ -75,14 +75,15 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
         move_state(state, solution, 0.0)
         if turn == 0 and largest * px_per_mm > 3.0:  # on the way here the end's blur was read from anything but the end
             state.blurs[2] = np.median(state.blurs[0])
-        if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
-            _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign)
         looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
         moved, cap_used = _fit_end(shot, state, work, noise, shape_gain * near, blur_limit, looks)
         largest = max(largest, moved) * px_per_mm
         numbers.last_step = largest
-        if near and largest < enough:
+        unseen = cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST
+        if near and largest < enough and not (turn == 0 and unseen):
             break
+        if unseen:
+            _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign)
         enough = ON_PLACE_PX
         near = near or largest < 0.8 or turn >= 4
     _describe(shot.camera, state, work, noise, cap_used)
