@@ -280,12 +280,37 @@ def test_channels_of_one_name_are_all_there(tmp_path):
     [
         ("Sample #;pressure_kPa;note\n1;2.5;run #3\n2;3.5;\n", [2.5, 3.5]),
         ("# rig 3\n# time_s;pressure_kPa\n0;2.5\n1;3.5\n", [2.5, 3.5]),
+        ("% from MATLAB, 27-Nov-2026\n% time_s,pressure_kPa\n0,2.5\n1,3.5\n", [2.5, 3.5]),
+        ("% time_s,pressure_kPa\n% written by export.m\n0,2.5\n1,3.5\n", [2.5, 3.5]),
+        ("% Version:       COMSOL 6.1\n% Time (s)       pressure_kPa\n0                2.5\n1                3.5\n", [2.5, 3.5]),
+        ("% Point: 3, 4\ntime_s,pressure_kPa\n0,2.5\n% pump on\n1,3.5\n", [2.5, 3.5]),
+        ("# rig 3\n# time_s pressure_kPa\n# ------ ------------\n0 2.5\n1 3.5\n", [2.5, 3.5]),
+        ("# rig 3, of 4\n" * 240 + "time_s,pressure_kPa\n0,2.5\n1,3.5\n", [2.5, 3.5]),
+        ("# Channels\t1\nX_Value\tpressure_kPa\tComment\n0.0\t2.5\t\n0.1\t3.5\t\n", [2.5, 3.5]),
         ("time_s;pressure_kPa\n0,5;1.002,5\n1;1.003\n", [1002.5, 1003.0]),
     ],
 )
 def test_signs_that_mean_two_things_in_text(tmp_path, text, wanted):
     (tmp_path / "a.csv").write_text(text)
     np.testing.assert_allclose(read_table(tmp_path / "a.csv").numbers("pressure_kPa"), wanted)
+
+
+def test_units_in_a_comment_below_a_header_in_one(tmp_path):
+    (tmp_path / "a.csv").write_text("# rig 3\n# time,pressure\n# s,bar\n0,2.5\n1,3.5\n")
+    assert read_table(tmp_path / "a.csv").units == {"time": "s", "pressure": "bar"}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("% a\n# b\n", "holds nothing but comments; export the table"),
+        ("Rig three log\nTime Pressure kPa\n0 1.5\n1 2\n", "'0' begins the first row of numbers, of which there are 2"),
+    ],
+)
+def test_text_without_a_table_is_told_what_it_lacks(tmp_path, text, said):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_table(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize(

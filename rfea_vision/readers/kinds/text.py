@@ -17,7 +17,10 @@ import pandas as pd
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
 
-_SEPARATORS = (";", "\t", "|", ",", r"\s+")
+_BLANKS = r"\s+"
+_COLUMNS = r"\s{2,}"  # between names that hold single blanks, as COMSOL writes them
+_SEPARATORS = (";", "\t", "|", ",", _BLANKS, _COLUMNS)
+_COMMENTS = ("#", "%")  # %: MATLAB and what is written for it, COMSOL
 _HEAD_BYTES = 4096  # in which a file that is no text shows it: a page of memory, of which text holds no zero byte
 _LOOKED_AT = 200
 """Lines in which the header and the way numbers are written are looked for: more than any instrument writes above."""
@@ -56,10 +59,16 @@ def decoded(path: Path) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    if separator == r"\s+":
-        return line.split()
+    if separator in (_BLANKS, _COLUMNS):
+        return re.split(separator, line.strip())
     cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return [cell.strip() for cell in (cells[:-1] if cells and not cells[-1].strip() else cells)]
+
+
+def _as_wide(line: str, names: list[str], separator: str) -> bool:
+    """Whether a line has a cell for every name; the last may be empty, as LabVIEW's comments are."""
+    cells = _cells(line, separator)
+    return len(cells) == len(names) or (len(cells) == len(names) - 1 and line.rstrip(" ").endswith(separator))
 
 
 def _is_number(cell: str) -> bool:
@@ -76,13 +85,13 @@ def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
         if not row or any(_is_number(cell) for cell in row):
             continue
         for first in (index + 1, index + 2):
-            if first >= len(rows) or len(rows[first]) != len(row):
+            if first >= len(rows) or not _as_wide(lines[first], row, separator):
                 continue
             units = rows[index + 1] if first == index + 2 else []
             if units and not (len(units) == len(row) and all(_UNIT_CELL.match(cell) for cell in units)):
                 continue
-            last = rows[-1] if len(lines) <= _LOOKED_AT else rows[first]
-            if any(_is_number(cell) for cell in rows[first]) and len(last) in (len(row), 0):
+            last = lines[-1] if len(lines) <= _LOOKED_AT else lines[first]
+            if any(_is_number(cell) for cell in rows[first]) and (not rows[-1] or _as_wide(last, row, separator)):
                 return index, first
     return None
 
@@ -93,7 +102,18 @@ def _headers(lines: list[str]) -> dict[str, tuple[int, int]]:
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith("#")
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _titled(lines: list[str], rows: list[str]) -> list[str]:
+    """The rows below the comment that is their header, and one of units where that follows it; the rows alone where none is.
+
+    A comment that is no header may stand below the one that is: the last that fits counts. A line that is drawn holds no names.
+    """
+    comments = takewhile(_is_comment, lines)
+    above = [line.lstrip("".join(_COMMENTS) + " \t") for line in comments if any(map(str.isalnum, line))]
+    places = range(len(above), 0, -1)
+    return next((both for end in places if _headers(both := [*above[max(end - 2, 0) : end], *rows])), rows)
 
 
 def _read_thousands(path: Path, frame: pd.DataFrame) -> None:
@@ -120,6 +140,17 @@ def _read_thousands(path: Path, frame: pd.DataFrame) -> None:
         frame[name] = cells if (values.isna() & cells.notna()).any() else values
 
 
+def _refuse_other_width(path: Path, rows: list[str], separator: str) -> None:
+    """Raise InputError if the first row names other than as many columns as the first row of numbers has."""
+    names = _cells(rows[0], separator)
+    numbers = (cells for line in rows[1:_LOOKED_AT] if all(map(_is_number, cells := _cells(line, separator))))
+    if (first := next(numbers, names)) and len(first) != len(names):
+        raise InputError(
+            f"{path}: '{first[0]}' begins the first row of numbers, of which there are {len(first)}, and no line right above it "
+            "names as many columns; put their names there, for example 'time_s,pressure_kPa'"
+        )
+
+
 def _split_by_decimal_commas(header: str, rows: list[str], separator: str) -> int:
     """Number of the first row that has twice the cells of the header, all of them whole numbers; 0 where none has."""
     columns = len(_cells(header, separator))
@@ -141,21 +172,23 @@ def read_text(path: Path) -> Table:
     lines = [line for line in decoded(path).splitlines() if line.strip()]
     every = [line for line in lines if not _is_comment(line)]
     found = _headers(every)
-    if not found and (above := list(takewhile(_is_comment, lines))):  # NumPy writes its header as a comment
-        titled = [above[-1].lstrip("# "), *every]
-        found = _headers(titled)
-        every = titled if found else every
+    if not found:  # NumPy, MATLAB and COMSOL write it as a comment
+        every = _titled(lines, every)
+        found = _headers(every)
+    if not every:
+        raise InputError(f"{path}: holds nothing but comments; export the table with its rows")
     if found:
         separator = max(found, key=lambda sep: len(_cells(every[found[sep][0]], sep)))
         header, first = found[separator]
     else:
-        top = every[0] if every else ""
-        separator = max("\t;|,", key=top.count) if any(sign in top for sign in "\t;|,") else r"\s+"
+        top = every[0]
+        separator = max("\t;|,", key=top.count) if any(sign in top for sign in "\t;|,") else _BLANKS
         cells = _cells(top, separator)
         if all(map(_is_number, cells)) and len(cells) > 1:  # nothing but numbers: the columns are counted
-            every = [separator.replace(r"\s+", " ").join(f"c{place + 1}" for place in range(len(cells))), *every]
+            every = [separator.replace(_BLANKS, " ").join(f"c{place + 1}" for place in range(len(cells))), *every]
         elif any(_is_number(cell) for cell in cells[:1]):
             raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
+        _refuse_other_width(path, every, separator)
         header, first = 0, 1
     sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]
     commas = [cell for cell in sample if _COMMA.match(cell)]
@@ -167,9 +200,12 @@ def read_text(path: Path) -> Table:
             f"{path}: row {wide}: commas stand between the columns and in the numbers, so nothing tells which is which; "
             "export it with decimal points, or with semicolons between the columns"
         )
+    body = [every[header], *every[first:]]
+    if separator == _COLUMNS:  # pandas knows no such separator but in its slow reader
+        separator, body = "\t", ["\t".join(_cells(line, _COLUMNS)) for line in body]
     with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):  # cells would be dropped in silence
         frame = pd.read_csv(
-            StringIO("\n".join([every[header], *every[first:]])),
+            StringIO("\n".join(body)),
             sep=separator,
             decimal="," if comma else ".",
             skipinitialspace=True,
