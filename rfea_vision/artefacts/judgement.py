@@ -241,6 +241,11 @@ class Floors(_Json):
     unit: Literal["mm", "deg"] = "mm"
 
 
+def verdict_in_words(verdict: str, asks_less: bool) -> str:
+    """The verdict as people read it: of a model that is complete for its held-out runs alone, no more than that."""
+    return f"{verdict} as far as the held-out runs ask" if asks_less else verdict
+
+
 class Diagnosis(_Json):
     """`diagnosis.json`: which effects are missing, how probable each is, and what share of the misfit it explains."""
 
@@ -255,6 +260,7 @@ class Diagnosis(_Json):
     candidates: list[Candidate] = Field(default_factory=list)
     sets: list[EffectSet] = Field(default_factory=list)
     sufficient: bool | None = None  # whether what is left once everything named is added is at the floor
+    asks_less: bool = False  # whether `complete` holds for the held-out runs alone: training runs ask more, and are farther off
     remainder: Remainder | None = None
     floors: Floors | None = None
     where: list[WorstPlace] = Field(default_factory=list)
@@ -265,6 +271,11 @@ class Diagnosis(_Json):
     warnings: list[str] = Field(default_factory=list)
     # every model that the search has fitted: where the search from the next rung takes up those that it meets again
     refits: list[Refit] = Field(default_factory=list)
+
+    @property
+    def said(self) -> str:
+        """The verdict as people read it."""
+        return verdict_in_words(self.verdict, self.asks_less)
 
     def rivals_of(self, effect: str) -> list[str]:
         """The other members of the tie that an effect belongs to: the data cannot tell it from these."""
@@ -283,6 +294,7 @@ class Rung(_Json):
     validate_angle_rmse_deg: float | None = None
     delta_bic: float | None
     verdict: str
+    asks_less: bool = False  # as in `Diagnosis`
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
     probability: float | None = Field(default=None, ge=0, le=1)
     share: float | None = None
@@ -300,6 +312,11 @@ class Rung(_Json):
             "delta_bic": None,
         }
         return cls(**{**known, **more})
+
+    @property
+    def said(self) -> str:
+        """The verdict as people read it."""
+        return verdict_in_words(self.verdict, self.asks_less)
 
     @property
     def unit(self) -> Literal["mm", "deg"]:

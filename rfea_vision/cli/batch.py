@@ -178,7 +178,7 @@ def _print_batch(results: list[BatchResult]) -> None:
     rows = []
     for result in results:
         last = result.rungs[-1] if result.rungs else {}
-        rows.append([result.folder, result.status, last.get("model"), last.get("verdict"), _held_out(last)])
+        rows.append([result.folder, result.status, last.get("model"), last.get("said"), _held_out(last)])
     print_table("", ["campaign", "status", "last model", "verdict", "validate"], rows, left=4)
     for result in results:
         for rung in result.rungs:

@@ -122,7 +122,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     """Print the verdict, the evidence and what to do next."""
     rivals = {name: diagnosis.rivals_of(name) for name in diagnosis.named}
     told = [f"{name} (or {' or '.join(others)}: these data cannot tell)" if others else name for name, others in rivals.items()]
-    say(": ".join(filter(None, (f"{diagnosis.model}: {diagnosis.verdict}", ", ".join(told)))))
+    say(": ".join(filter(None, (f"{diagnosis.model}: {diagnosis.said}", ", ".join(told)))))
     if diagnosis.sentence:
         say(diagnosis.sentence)
     if diagnosis.verdict == "unexplained" and diagnosis.where:  # what shows it comes before what it may be
@@ -191,7 +191,7 @@ def print_ladder(ladder: Ladder) -> None:
         "share": lambda r: _percent(r.share),
         "probability": lambda r: _percent(r.probability),
         "delta BIC": lambda r: None if r.delta_bic is None else f"{r.delta_bic:z.0f}",
-        "verdict": lambda r: r.verdict,
+        "verdict": lambda r: r.said,
     }
     title = f"error ladder ({'tip' if unit == 'mm' else 'bend angle'}, root mean square)"
     print_columns(title, columns, ladder.rungs, always=("model", "added", "verdict"), left=2)

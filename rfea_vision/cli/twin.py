@@ -251,7 +251,7 @@ def demo_command(place: Path | None, folder: Path, options: CritiqueOptions, for
         return
     print_ladder(ladder)
     diagnoses = [Diagnosis.load(models / rung.model / "diagnosis.json") for rung in ladder.rungs]
-    rows = [[item.model, item.verdict, ", ".join(item.named)] for item in diagnoses]
+    rows = [[item.model, item.said, ", ".join(item.named)] for item in diagnoses]
     click.echo("")
     print_table("what was missing", ["model", "verdict", "named"], rows, left=3)
     if truth is not None:

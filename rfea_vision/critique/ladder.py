@@ -74,7 +74,7 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
         for name in (*begun, *diagnosis.stand_ins):
             if name not in dropped:
                 return of(name, "stand-in")
-    return Step(why=f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}")
+    return Step(why=f"the verdict is {diagnosis.said}: {diagnosis.sentence}")
 
 
 def rest_of_set(begun: Sequence[str], diagnosis: Diagnosis, step: Step) -> list[str]:

@@ -35,6 +35,7 @@ class Verdict:
     probability: dict[str, float]
     weighed: list[Weighed]
     stand_ins: tuple[str, ...] = ()
+    asks_less: bool = False  # whether it is complete for the held-out runs alone: training runs ask more, and are farther off
 
 
 def decide(search: Search, weighed: list[Weighed]) -> Verdict:
@@ -67,10 +68,17 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
         verdict = "complete"
     found = Verdict(
         verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed,
-        () if left < small else stand_ins_of(search, weighed),
+        () if left < small else stand_ins_of(search, weighed), verdict == "complete" and _asks_less(search),
     )  # fmt: skip
     words = {"missing": _missing, "complete": _complete, "unexplained": _unexplained}[verdict](search, found)
     return Verdict(**{**vars(found), "sentence": words})
+
+
+def _asks_less(search: Search) -> bool:
+    """Whether training runs are off by a whole floor more, in squares, than the floor and the held-out runs, which judge."""
+    if not search.trials.problem.validate:
+        return False
+    return bool(search.present.errors.train > np.sqrt(2) * max(search.floor, search.held))
 
 
 def _likely(
@@ -201,15 +209,16 @@ def _complete(search: Search, found: Verdict) -> str:
     held, floor = rounded(search.held), rounded(search.floor)
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
-        text = f"Nothing is missing that matters: the {which} is {held} {unit}, the floor {floor} {unit}."
-        trained = search.present.errors.train if search.trials.problem.validate else 0.0
-        if trained > np.sqrt(2) * search.floor:  # a whole floor is left above the floor
-            text += (
-                f" The training runs are off by {rounded(trained)} {unit}, though: they ask more of the tube than the held-out runs, "
-                "which alone judge. Give one like them 'role: validate'."
-            )
-        return text
-    return f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
+        far = ", as far as the held-out runs ask" if found.asks_less else ""
+        text = f"Nothing is missing that matters{far}: the {which} is {held} {unit}, the floor {floor} {unit}."
+    else:
+        text = f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
+    if found.asks_less:
+        text += (
+            f" The training runs are off by {rounded(search.present.errors.train)} {unit}: they ask more of the tube than the "
+            "held-out runs, which alone judge. Give one like them 'role: validate'."
+        )
+    return text
 
 
 def _unexplained(search: Search, found: Verdict) -> str:

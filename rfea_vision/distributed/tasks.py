@@ -125,7 +125,7 @@ def finish(folder: str, out: str | None, failures: Mapping[str, str], settings: 
 
 def told_of(rung: Rung) -> dict[str, object]:
     """What a batch tells of a rung."""
-    told = {"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict}
+    told = {"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict, "said": rung.said}
     return told | {"added": rung.added, "tied": list(rung.tied)}
 
 

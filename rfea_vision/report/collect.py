@@ -56,6 +56,11 @@ class LadderStep:
         """What was said of this model; the ladder remembers it where the diagnosis cannot be read."""
         return self.diagnosis.verdict if self.diagnosis else self.rung.verdict
 
+    @property
+    def asks_less(self) -> bool:
+        """Whether it is complete for the held-out runs alone."""
+        return self.diagnosis.asks_less if self.diagnosis else self.rung.asks_less
+
 
 @dataclass(frozen=True)
 class Evidence:

@@ -102,17 +102,14 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if not step.verdict:
         return "The model is fitted; what it lacks has not been looked for yet."
     if step.verdict == "complete":
+        nothing = f"nothing that matters is missing{_as_far(step, evidence)}"
         if not added:
-            return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: nothing that matters is missing."
+            return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: {nothing}."
         if len(added) == 1:
             tie = " (these data cannot tell which)" if unsure else ""
-            return (
-                f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, nothing that matters is missing."
-            )
+            return f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, {nothing}."
         things = "; ".join(added)
-        return (
-            f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, nothing that matters is missing."
-        )
+        return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}."
     if step.verdict == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
         so_far += finer.replace(" and", " with", 1)
@@ -124,6 +121,15 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     told = [(effect, diagnosis.rivals_of(effect)) for effect in diagnosis.named] if diagnosis else []
     named = [_inner(_or(effect, rivals, titles)) for effect, rivals in told]
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
+
+
+def _as_far(step: LadderStep, evidence: Evidence) -> str:
+    """That held-out runs, which judge, ask less than training runs, and how far off these are; empty where they do not."""
+    if not step.asks_less:
+        return ""
+    shown = errors_of(step, evidence)
+    off = with_unit(shown.train, shown.unit)
+    return f" as far as the held-out runs ask; the training runs, which ask more of the tube, are off by {off}"
 
 
 def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[LadderStep]:
@@ -236,9 +242,10 @@ def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
-def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, finer: bool) -> Tile:
+def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, finer: bool, asks_less: bool = False) -> Tile:
     note = "added to the model of the paper" if added else "nothing had to be added"
     note += " but segments" * (finer and not added)
+    note += ", as far as the held-out runs ask" * asks_less
     if verdict == "unexplained":
         value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
         helped = f"; {stand_ins} added for the prediction" if stand_ins else ""
@@ -265,7 +272,8 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     if ladder and climbed:
         added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]
         finer = bool(_finer(evidence, titles))
-        yield _missing(added, step.verdict if step else "", _shows(step) if step else "", _stand_ins(evidence), finer)
+        verdict, where, asks_less = (step.verdict, _shows(step), step.asks_less) if step else ("", "", False)
+        yield _missing(added, verdict, where, _stand_ins(evidence), finer, asks_less)
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""

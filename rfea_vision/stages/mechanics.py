@@ -193,7 +193,7 @@ def _diagnosed(
     diagnosis, experiment = diagnose_model(
         model, recordings, options, where=compared.where, goes_with=goes_with(compared), progress=progress
     )
-    said = ": ".join(filter(None, (diagnosis.verdict, ", ".join(diagnosis.named))))  # why is told by the command, once
+    said = ": ".join(filter(None, (diagnosis.said, ", ".join(diagnosis.named))))  # why is told by the command, once
     return diagnosis, save_diagnosis(folder, diagnosis, experiment), said
 
 

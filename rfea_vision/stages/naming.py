@@ -79,9 +79,20 @@ def _others(
         return []
     finer = name in (rungs or ()) or "segments" in name.split("+")  # also of an earlier ladder, whose chain was made finer
     left = {*leave, "segments", "auto_segments"} if finer else set(leave)
+    if before.effect_files != options.effect_files and not _has_own_effects(before):
+        left.add("effect_files")
     old, new = (as_json(as_record(one)) for one in (before, options))
     keys: list[str] = [field.name for field in fields(FitOptions) if field.name not in left]
     return [f"{key} {_shown(before, key)}" for key in keys if old.get(key) != new.get(key)]
+
+
+def _has_own_effects(options: FitOptions) -> bool:
+    """Whether an effect that was fitted comes from a file: to a model that has none, a file is no other option."""
+    if not options.effects:
+        return False
+    from rfea_vision.effects.catalogue import catalogue, plain  # takes a second
+
+    return any(plain(effect).partition("@")[0] not in catalogue() for effect in options.effects)
 
 
 def _shown(options: FitOptions, key: str) -> object:

@@ -74,6 +74,7 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, D
         added=added,
         tied=before.rivals_of(added) if added else [],
         verdict=diagnosis.verdict,
+        asks_less=diagnosis.asks_less,
         grade=None if added is None else "named" if added in before.named else "stand-in",
         probability=candidate.probability if candidate else None,
         share=candidate.share if candidate else None,
@@ -97,4 +98,4 @@ def describe_rung(rung: Rung) -> str:
     errors = f"train {'-' if train is None else rounded(train)}, "
     errors += f"validate {'-' if held_out is None else rounded(held_out)} {rung.unit}"
     rivals = f" ({rung.added} cannot be told from {' or '.join(rung.tied)})" if rung.tied else ""
-    return f"{rung.model}: {errors}, {rung.verdict}{rivals}"
+    return f"{rung.model}: {errors}, {rung.said}{rivals}"

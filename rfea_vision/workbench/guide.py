@@ -104,9 +104,10 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
         say, label = f"{name} lacks {' and '.join(lacking)}{words}.", f"Add {' and '.join(lacking)} and watch"
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
     if last["verdict"] == "complete":
+        say = f"Nothing that matters is missing{' as far as the held-out runs ask' if last.get('asks_less') else ''}"
         if report is not None:
-            return _step("add", "Nothing that matters is missing, and the report is written.", "") | {"file": report}
-        return _step("add", "Nothing that matters is missing.", "Write the report", "report")
+            return _step("add", f"{say}, and the report is written.", "") | {"file": report}
+        return _step("add", f"{say}.", "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     if report is not None:
         return _step("law", f"{say} The report is written.", "Propose a law", "propose", model=name)

@@ -10,6 +10,7 @@ from rfea_vision.artefacts import Diagnosis, Ladder, Rung
 from rfea_vision.artefacts.judgement import Remainder, WorstPlace
 from rfea_vision.cli import batch, console, model
 from rfea_vision.distributed.tasks import BatchResult, told_of
+from rfea_vision.stages.products import describe_rung
 
 
 def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
@@ -148,6 +149,18 @@ def test_a_bar_tells_a_count_once_it_is_known():
     assert console._Count().render(task).plain == ""
     bars.update(task.id, completed=3, total=8)
     assert console._Count().render(task).plain == "3/8"
+
+
+def test_what_is_complete_for_its_held_out_runs_alone_says_no_more(tmp_path, capsys):
+    far = "complete as far as the held-out runs ask"
+    errors = {"train_tip_rmse_mm": 0.3, "validate_tip_rmse_mm": 0.1, "delta_bic": None}
+    rung = Rung(model="base", added=None, verdict="complete", asks_less=True, **errors)
+    model.print_diagnosis(Diagnosis(model="base", verdict="complete", asks_less=True), tmp_path, tmp_path)
+    assert f"base: {far}" in capsys.readouterr().out and far in describe_rung(rung)
+    assert rung.model_dump()["verdict"] == "complete"  # what programs read
+    batch._print_batch([BatchResult("tube", "done", {}, [told_of(rung)], None)])
+    model.print_ladder(Ladder(rungs=[rung]))
+    assert " ".join(capsys.readouterr().out.split()).count("held-out") == 2
 
 
 def test_a_batch_tells_ties_too(capsys):

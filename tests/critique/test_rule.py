@@ -13,7 +13,7 @@ from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.search import Search, Weighed
-from rfea_vision.critique.verdict import _complete, _likely, _unexplained, decide, remainder_of
+from rfea_vision.critique.verdict import _asks_less, _complete, _likely, _unexplained, decide, remainder_of
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.stages.products import rung_of
 from testing.claims import brier, calibration_error, claims
@@ -238,10 +238,14 @@ def test_a_complete_model_that_its_training_runs_belie_says_so():
         floors=SimpleNamespace(unit="mm"), floor=0.1, held=0.09,
         trials=SimpleNamespace(problem=SimpleNamespace(validate=["ramp"])),
     )  # fmt: skip
-    found: Any = SimpleNamespace(sufficient=True)
-    for trained, said in ((0.12, False), (0.23, True)):
+    for trained, less in ((0.12, False), (0.23, True)):
         runs = {"steps": RunErrors("train", 100, trained**2, None), "ramp": RunErrors("validate", 100, 0.09**2, None)}
         search.present = SimpleNamespace(errors=Errors(runs))
-        sentence = _complete(search, found)
-        assert sentence.startswith("Nothing is missing that matters: the held-out error is 0.0900 mm, the floor 0.100 mm.")
-        assert ("The training runs are off by 0.230 mm, though" in sentence) is said
+        assert _asks_less(search) is less
+        for sufficient in (True, False):
+            found: Any = SimpleNamespace(sufficient=sufficient, asks_less=less)
+            assert ("The training runs are off by 0.230 mm: they ask more" in _complete(search, found)) is less
+        far = ", as far as the held-out runs ask" if less else ""
+        found = SimpleNamespace(sufficient=True, asks_less=less)
+        told = f"Nothing is missing that matters{far}: the held-out error is 0.0900 mm, the floor 0.100 mm."
+        assert _complete(search, found).startswith(told)

@@ -241,6 +241,19 @@ def test_the_ladder_remembers_its_verdict(copy: Path) -> None:
     assert "lacked" in headline
 
 
+def test_what_is_complete_for_its_held_out_runs_alone_says_no_more(copy: Path) -> None:
+    """The held-out run was a slow ramp, and fast steps were off by two floors: the headline said that nothing was missing."""
+    for file in (copy / "models" / RUNGS[-1] / "diagnosis.json", copy / "ladder.json"):
+        told = json.loads(file.read_text())
+        (told["rungs"][-1] if "rungs" in told else told).update(asks_less=True, verdict="complete")
+        file.write_text(json.dumps(told))
+    html = page_of(copy)
+    headline = words(re.search(r"<h1>(.*?)</h1>", html)[1])
+    assert "nothing that matters is missing as far as the held-out runs ask; the training runs, which ask more" in headline
+    assert "complete as far as the held-out runs ask" in words(html.split('id="ladder"')[1])
+    assert "as far as the held-out runs ask" in words(html.split("Missing physics")[1].split("Tip error")[0])
+
+
 def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:
     file = copy / "ladder.json"
     ladder = json.loads(file.read_text())

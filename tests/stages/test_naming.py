@@ -86,6 +86,21 @@ def test_a_fit_that_was_set_apart_from_a_rung_sends_no_climb_elsewhere(work):
     assert climb_apart(work, FitOptions()).name == "base"
 
 
+def test_a_file_of_effects_that_a_model_has_none_of_is_no_other_option(work, tmp_path):
+    """After `improve`, `improve --effect-file my_effect.py` called all its models base-2, base-2+my_effect."""
+    file, other = tmp_path / "my_effect.py", tmp_path / "other.py"
+    file.touch(), other.touch()
+    store(work, FitOptions())
+    store(work, FitOptions(effects=("maxwell", "coulomb@2", "pressure_lag@right")))
+    ladder(work, "base", "base+maxwell,coulomb@2,pressure_lag@right")
+    assert climb_apart(work, FitOptions(effect_files=(file,))).name == "base" and not work.listener.said
+    assert fit_apart(work, FitOptions(effect_files=(file,))).name == "base"
+    own = FitOptions(effects=("mine",), effect_files=(file,))
+    store(work, own)
+    assert fit_apart(work, own).name == "base+mine"
+    assert fit_apart(work, replace(own, effect_files=(other,))).name == "base+mine-2"
+
+
 def test_a_model_that_is_only_brought_up_to_date_is_not_the_one_fitted_last(work, monkeypatch):
     """After a change of the data a report fitted all models again, and `rfea export` took along whichever it did last."""
     store(work, FitOptions())

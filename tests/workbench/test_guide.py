@@ -65,6 +65,8 @@ def test_a_report_that_is_written_is_said_with_its_place():
     step = next_step([run()], models, "rfea/report/index.html")
     assert "report is written" in step["say"] and step["file"] == "rfea/report/index.html"
     assert step["do"] is None and not step["label"]
+    less = next_step([run()], [model(verdict="complete", asks_less=True)])
+    assert less["say"] == "Nothing that matters is missing as far as the held-out runs ask."
 
 
 def test_where_no_law_is_found_either_there_is_a_way_on():
