@@ -29,7 +29,8 @@ from rfea_vision.sync.regression import (
     Moments,
     choose,
     moments,
-    no_more_noise_than_rest,
+    most_noise,
+    shift_by_noise,
     standard_error,
 )
 from rfea_vision.sync.sections import (
@@ -325,13 +326,16 @@ def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[Flo
     lasting = 0.5 * found.unaccounted(chosen)  # half: the rest of what noise does not explain may be lacking in the law
     noises = np.concatenate([np.sqrt(2 * (1 - lasting)) * each[0], np.sqrt(2 * lasting) * each[1]])
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    scale = np.sqrt(no_more_noise_than_rest(found, chosen))
-    noises, white = scale * noises, scale * each[0]
+    scale = np.sqrt(min(most_noise(found, chosen), 1.0))  # fast motion looks like noise at high frequencies
+    noises, each = scale * noises, scale * each
     for _ in range(2):  # supplements change the offset, and the offset which supplements are chosen
         offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
         chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    doubt = float(np.hypot(LEAST_ERROR_S, _newton(seen, target, offset, use, columns, white, chosen)[0] - offset))
+    others = [_newton(seen, target, offset, use, columns, kind, chosen) for kind in each]
+    by_white = others[0][0] - offset
+    most = max(abs(at - offset + shift_by_noise(sums, chosen)) for at, sums in others)
+    doubt = float(np.linalg.norm([LEAST_ERROR_S, by_white, most / np.sqrt(3)]))  # noise may have made any part of the rest
     error = float(np.hypot(standard_error(found, chosen, extra), doubt))
     both = [OFFSET, DRIFT, *chosen[1:]]
     drift_error = standard_error(found, both, extra, DRIFT)

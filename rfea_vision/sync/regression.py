@@ -7,12 +7,14 @@ track's noise accounts for the rest.
 
 The error is that of leaving out one stretch at a time (jackknife), at the quantile of Student's t for so many
 stretches. To it is added by how much one more supplement would move the offset, times the share of the rest that noise
-does not explain.
+does not explain. Errors of the terms that last lean the same way in all stretches, so that none that is left out shows
+them: noise may have made any part of the rest, up to all of it, the other end of what the data allow (Klepper and Leamer,
+Econometrica 52, 1984).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -25,6 +27,7 @@ NOISE_ACCOUNTS = 1.15  # a rest at most so many times the noise needs no supplem
 STRETCH_S = 0.3  # residuals of neighbouring stretches are taken for independent
 FEWEST, MOST = 6, 20  # stretches
 TINY = 1e-11  # of the largest eigenvalue: rounding
+MOST_NOISE = 1e6  # times the track's own: where it has none to speak of
 
 
 @dataclass(frozen=True)
@@ -87,11 +90,8 @@ def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate:
     return Moments(gram, noise, right, sections * float(pressure @ pressure), scale)
 
 
-def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
-    """The largest factor on the noise, at most 1, at which it explains no more than the residual and the equations stay positive.
-
-    Fast motion looks like noise at high frequencies, so that noise may be estimated too large.
-    """
+def most_noise(found: Moments, columns: list[int]) -> float:
+    """The largest factor on the noise at which it makes no more than the rest, and the equations stay positive."""
     gram, noise, right = (part.sum(0) for part in (found.gram, found.noise, found.right))
     pick = np.ix_(columns, columns)
 
@@ -102,13 +102,20 @@ def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
         known = values > TINY * values[-1]
         return bool(np.sum((vectors[:, known].T @ right[columns]) ** 2 / values[known]) <= found.power)
 
-    if possible(1.0):
-        return 1.0
     low, high = 0.0, 1.0
+    while possible(high) and high < MOST_NOISE:
+        low, high = high, 4 * high
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if possible(middle) else (low, middle)
     return low
+
+
+def shift_by_noise(found: Moments, columns: list[int], which: int = OFFSET) -> float:
+    """By how much the coefficient `which` would move if the track's noise made all of the rest."""
+    place = columns.index(which)
+    noisier = replace(found, noise=most_noise(found, columns) * found.noise)
+    return float(noisier.solve(columns)[place] - found.solve(columns)[place]) / float(found.scale[which])
 
 
 def choose(found: Moments, law: list[int], supplements: list[int]) -> list[int]:
