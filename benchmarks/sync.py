@@ -141,7 +141,7 @@ def _rows(found: list[NDArray[np.float64]], said: str, beside: str, *, least: fl
             "value": round(spread, 2),
             "unit": "1",
             "target": f"1, {narrow:.2f} to {wide:.2f} by chance",
-            "met": narrow <= spread <= wide,
+            "met": bool(narrow <= spread <= wide),
             "against": said,
         },
     ]
