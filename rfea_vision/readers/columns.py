@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
 import re
@@ -66,20 +67,19 @@ def _meant(table: Table, name: str, part: str) -> str | None:
 def said_unit(table: Table, name: str, like: str) -> str | None:
     """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``, ``p [kPa abs]``.
 
-    None where none is given, or the end of the name is no unit of what `like` measures. ``p_atm`` is the pressure of the
-    atmosphere, not one in atmospheres.
+    None where none is given, or what stands at the end of the name, or in brackets within it, is no unit of what `like` measures.
+    ``p_atm`` is the pressure of the atmosphere, not one in atmospheres.
     """
     counted = r"\([ag]\)|[ _](?:abs|gauge|rel)[a-z]*\.?"  # from where a pressure counts
-    match = re.search(rf"(?:_(?!(?i:atm?)\b)|\s*[\[(])([A-Za-z°ºµ]+(?:{counted})?)[\])]?(?:\.\d+)?$", name)
-    found = table.units.get(name) or (match[1] if match else None)
-    if found is None:
-        return None
-    found = _SIGNS.get(found, found)
-    try:
-        conversion_factor(pressure_unit(found)[0], like)
-    except ValueError:
-        return None
-    return found
+    unit = rf"([A-Za-z°ºµ]+(?:{counted})?)"
+    at_end, bracketed = rf"(?:_(?!(?i:atm?)\b)|\s*[\[(]){unit}[\])]?(?:\.\d+)?$", rf"[\[(]{unit}[\])]"
+    written = [found[1] for found in (re.search(at_end, name), re.search(bracketed, name)) if found]
+    for found in [table.units[name]] if table.units.get(name) else written:
+        found = _SIGNS.get(found, found)
+        with contextlib.suppress(ValueError):
+            conversion_factor(pressure_unit(found)[0], like)
+            return found
+    return None
 
 
 def unit_of(table: Table, name: str, default: str) -> str:

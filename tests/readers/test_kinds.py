@@ -202,6 +202,8 @@ def test_numbers_as_people_elsewhere_write_them(tmp_path, text, encoding):
         ({"p_kPa_abs": PRESSURE_kPa + 101.325}, {}),
         ({"Druck [bar absolut]": (PRESSURE_kPa + 101.325) / 100}, {}),
         ({"p (mbar rel.)": PRESSURE_kPa * 10}, {}),
+        ({"Pressure (Pa), Point: 3": PRESSURE_kPa * 1000}, {}),
+        ({"p [hPa] valve_a": PRESSURE_kPa * 10}, {}),
         ({"p_psig": PRESSURE_kPa / 6.894757293168361}, {}),
         ({"p": (PRESSURE_kPa + 97.5) / 100, "amb": np.full(120, 0.975)}, {"unit": "bara", "ambient": "amb"}),
         (
