@@ -133,7 +133,7 @@ def _rows(found: list[NDArray[np.float64]], said: str, beside: str, *, least: fl
             "value": round(inside, 0),
             "unit": "%",
             "target": f"95, {low:.0f} to {high:.0f} by chance",
-            "met": low <= inside <= high,
+            "met": bool(low <= inside <= high),
             "against": said,
         },
         {
