@@ -171,8 +171,8 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     first = First(180.0, body.half, narrow.shape[:2], 100.0, 1.8, None, as_first(body))
     first.fit.beyond[:] = 1.0
 
-    def said(picture, seen, end=0.0, like=1.0):
-        rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
+    def said(picture, seen, end=0.0, like=1.0, aslant=0.0):
+        rays = np.array([np.nan, np.nan, end - aslant, end, end, end + aslant, np.nan])
         around = looks_around(picture, wall, body)
         backing = np.where(SHARES > 0.83, like, 1.0)
         return refused(first, Fit(body, 1e-3 * np.eye(25), seen, backing, rays, (), *around, np.ones(5)))
@@ -196,7 +196,9 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", (
         "the end is as good as there, or not seen"
     )
-    assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
+    assert said(narrow, everywhere, 6.0) == "", "an end that is seen within a half width is known to that"
+    assert said(narrow, everywhere, 6.0, aslant=4.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
+    assert said(narrow, everywhere, 13.0) == "no_fit: the tube goes on beyond the line's end, by 7.2 mm or more"
     body.points[:, 1] *= 0.9
     assert said(narrow, everywhere, np.nan) == "", "it did so from the first frame on"
     first.fit.beyond[:] = 0.4

@@ -56,7 +56,7 @@ def test_a_line_that_ends_at_a_disc_before_the_end_is_refused():
     for discs, said in ((23, ""), (16, "no_fit: the tube goes on beyond the line's end")):
         short = replace(follower.body, points=at(line, SHARES * (discs * PITCH + 1.0)))
         fit = follower._fit(lab, short, 1e-6 * follower.pointed, 0.8)
-        assert np.ptp(fit.body.points[-1] - short.points[-1]) < 3.0
+        assert np.ptp(fit.body.points[-1] - short.points[-1]) < 4.0
         assert follower._judged(lab, fit).reason.startswith(said) and bool(fit.reason) == bool(said), fit.reason
 
 
@@ -72,15 +72,15 @@ def test_an_arm_whose_discs_do_not_hang_together_is_sought_as_long_as_it_was():
     follower = lost(drawn(line := middle_of(0.6), rod=1), line)
     gaps = drawn(line, rod=1)
     cv2.circle(gaps, np.round(at(line, np.array([120.0]))[0]).astype(int).tolist(), 16, (150, 165, 160), -1)
-    found = follower._outlined(follower._lab(gaps))
-    assert found is not None and found[0].length == pytest.approx(follower.body.length, rel=0.03)
+    found = next(follower._outlined(follower._lab(gaps)))
+    assert found[0].length == pytest.approx(follower.body.length, rel=0.03)
 
 
 def test_another_arm_at_the_same_clamp_is_not_taken_for_one_that_is_not_seen():
     """An arm of discs that is gripped by another one: both look alike, but that one was there before."""
     line, other = middle_of(1.0), middle_of(-1.0)
     follower = lost(np.minimum(drawn(line), drawn(other)), line)
-    found = follower._outlined(follower._lab(drawn(other)))
+    found = next(follower._outlined(follower._lab(drawn(other))), None)
     assert found is None or np.linalg.norm(found[0].points[-1] - other[-1]) > 4.0 * HALF
 
 

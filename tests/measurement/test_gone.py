@@ -64,12 +64,12 @@ def with_tail(line: np.ndarray, first: int, cover: float, seed: int, things=()) 
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
-def follower_of(line: np.ndarray) -> BodyFollower:
-    ends = ((FOOT[0], FOOT[1] - HALF), (FOOT[0], FOOT[1] + HALF))
+def follower_of(line: np.ndarray, half: float = HALF) -> BodyFollower:
+    ends = ((FOOT[0], FOOT[1] - half), (FOOT[0], FOOT[1] + half))
     points = tuple((float(x), float(y)) for x, y in line[[20, 44]])
     hints = Hints(clamp=ends, tip=(float(line[-1, 0]), float(line[-1, 1])), centre_line=points)
     length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    actuator = Actuator(outer_radius=HALF / 1e3, inner_radius=HALF / 2e3, length=length / 1e3)
+    actuator = Actuator(outer_radius=half / 1e3, inner_radius=half / 2e3, length=length / 1e3)
     calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
     return BodyFollower(make_scene(calibration, actuator, "image", hints, (240, 240)), 1.0)
 
@@ -82,6 +82,54 @@ def test_a_finger_that_has_curled_and_swollen_between_two_pictures_is_found():
         assert follower.next(drawn(line, np.full(65, half)), 0.1 * k) == ""
         assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.5 * half, k
         assert np.abs(follower.body.half - half).max() < 0.3 * half, k
+
+
+@pytest.mark.parametrize("half", [12.0, 8.0])
+@pytest.mark.parametrize("bend", [0.6, 1.5])
+@pytest.mark.parametrize("grown", [1.2, 1.3])
+def test_a_smooth_body_that_has_grown_at_once_is_found_to_its_end(half, bend, grown):
+    """It was sought as long as it had been, and ended within itself: refused ever after, or accepted a fifth of its length short."""
+    follower = follower_of(middle_of(0.0, 110.0), half)
+    for k in range(3):
+        assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, half)), 0.1 * k) == ""
+    line = middle_of(bend, 110.0 * grown)
+    assert follower.next(drawn(line, np.full(65, half)), 0.3) == ""
+    assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.3 * half
+
+
+def test_an_end_that_is_seen_beyond_the_line_is_known_to_how_far_that_is():
+    """A body that has grown by a sixth at once: it was said to be known to a tenth of what its line fell short."""
+    follower = follower_of(middle_of(0.0, 110.0))
+    for k, (bend, length) in enumerate([(0.0, 110.0), (0.05, 110.0), (0.1, 110.0), (0.6, 126.5), (0.62, 126.5)]):
+        line = middle_of(bend, length)
+        assert follower.next(drawn(line, np.full(65, HALF)), 0.1 * k) == "", k
+        off = float(np.linalg.norm(follower.body.points[-1] - line[-1]))
+        assert off < 2.0 * follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm, k
+    assert off < 0.1 * HALF
+
+
+def aslant(line: np.ndarray, shorter_px: float) -> np.ndarray:
+    """A picture of a plate one side of which ends `shorter_px` before the other."""
+    heading = np.gradient(line, axis=0)
+    normal = np.column_stack([-heading[:, 1], heading[:, 0]]) / np.linalg.norm(heading, axis=1, keepdims=True)
+    length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    shorter = line[: round(64 * (1.0 - shorter_px / length))] - HALF * normal[: round(64 * (1.0 - shorter_px / length))]
+    picture = np.full((240, 240, 3), WALL, np.uint8)
+    cv2.rectangle(picture, (150, 30), (200, 90), RUBBER, -1)
+    cv2.fillPoly(picture, [np.round(16 * np.vstack([line + HALF * normal, shorter[::-1]])).astype(np.int32)], RUBBER, cv2.LINE_AA, 4)
+    return cv2.GaussianBlur(picture, (0, 0), 0.8)
+
+
+@pytest.mark.parametrize(("length", "shorter_px"), [(110.0, 20.0), (60.0, 10.0)])
+def test_the_line_of_a_plate_that_is_cut_aslant_stays_where_its_first_outline_has_it(length, shorter_px):
+    """Its face was taken for its edge, and the line turned to the corner by ten pixels: what lies off the outline was forgotten."""
+    follower, noise, off = follower_of(middle_of(0.3, length)), np.random.default_rng(1), []
+    for k in range(30):
+        line = middle_of(0.3 + 0.4 * np.sin(np.pi * k / 15), length)
+        picture = aslant(line, shorter_px) + noise.normal(0, 2, (240, 240, 3))
+        assert follower.next(np.clip(picture, 0, 255).astype(np.uint8), 0.1 * k) == "", k
+        off.append(follower.body.points[-1] - line[-1])
+    assert np.linalg.norm(np.array(off) - off[0], axis=1).max() < 0.6 * HALF
 
 
 def test_a_short_finger_swells_beside_its_clamp_and_its_end_is_measured_once_it_is_seen():

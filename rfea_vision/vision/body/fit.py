@@ -41,6 +41,8 @@ NORMAL, ALONG, WIDTH = slice(0, 11), slice(11, 17), slice(17, 25)
 UNKNOWNS = 25
 TURNS = 3
 CORRELATED = 3.0  # edges of so many neighbouring stations err alike
+AS_BEFORE = 0.5  # of what an edge lay off the first frame's outline, 1 s.d., chosen: it may as well lie where that is
+EDGE_REACH = 0.4  # half widths to either side in which the first frame's edges are looked for, as they are in later turns of a fit
 CLAMP_PX = 0.4  # along the body, where it begins stays where it was pointed at,
 # Share of the half width to which it stays there across the body: people point beside it, and rubber gives way in a clamp.
 # Four films of silicone are read at 0.05 and at 0.1; at 0.1 a photographed tube and worms had left the clamp.
@@ -130,6 +132,8 @@ class Evidence:
     clamp : (2, 2) px where the body begins, and the unit vector in which it leaves
     rest_half : (S,) px half width in the first frame
     skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
+    edge_offsets : (S, 2) px how far beyond the half width the edges were in the first frame: ends are cut aslant, and ribs are finer
+        than splines; None while unknown
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     marks : points of the material that their colour has found
     """
@@ -139,6 +143,7 @@ class Evidence:
     clamp: FloatArray
     rest_half: FloatArray
     skin: tuple[FloatArray, FloatArray, float] | None
+    edge_offsets: FloatArray | None = None
     end_offsets: FloatArray | None = None
     marks: Sequence[SeenMark] = ()
 
@@ -151,6 +156,9 @@ class Evidence:
         """
         seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
         backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
+        if self.edge_offsets is not None:
+            edges[:, :, 0] -= self.edge_offsets
+            edges[:, :, 1] += (AS_BEFORE * self.edge_offsets) ** 2
         held = np.clip(lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
         leans = SYSTEMATIC * float(middle(body.half)) if self.marks else 0.0
         _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
@@ -199,7 +207,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         _add_shape(matrix, vector, body, normals, lengths, evidence.rest_half)
         edges, backing = evidence.add_outline(matrix, vector, body, normals, lengths, span)
         evidence.add_skin(matrix, vector, body, normals, slips)
-        end = evidence.add_end(matrix, vector, body, span)
+        end = evidence.add_end(matrix, vector, body, reach)
         _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], lengths[-1], evidence.rest_half)
         _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
         step = np.linalg.solve(matrix, vector)
@@ -214,6 +222,14 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
     return Fit(body, inverse, seen, backing, end, evidence.marks, off=off)
+
+
+def beyond_half(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
+    """How far (S, 2) px the edges of a body lie beyond its half width, by more than the pixel to which they are found; else 0."""
+    seen = wall.behind(picture), body.points, frame_of(body.points)[1], body.half, body.inside, body.outside
+    edges = measure_edges(*seen, EDGE_REACH * float(middle(body.half)))
+    offsets = np.where(np.isfinite(edges[:, :, 1]), edges[:, :, 0], 0.0)
+    return offsets - np.clip(offsets, -1.0, 1.0)
 
 
 def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
@@ -282,8 +298,10 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
     last = np.full(len(BEYOND), body.last)
     half = np.full(len(BEYOND), body.half[body.last - 3 : body.last + 1].mean())
     points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
-    beyond = support(behind, points, normals[last], half, body.inside[last], body.outside[last], SURELY)
-    return beside.T, beyond
+    # At the very end half of what was read may lie beyond it, and a half width before that discs may have a gap.
+    like = (last, last - np.ceil(half / body.length * STATIONS).astype(int))
+    shares = [support(behind, points, normals[last], half, body.inside[own], body.outside[own], SURELY) for own in like]
+    return beside.T, np.max(shares, axis=0)
 
 
 def _add_shape(

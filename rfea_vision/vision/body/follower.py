@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,7 @@ from rfea_vision.vision.body.fit import (
     WIDTH,
     Evidence,
     Fit,
+    beyond_half,
     end_rays,
     fit_body,
     looks_around,
@@ -59,7 +61,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
     told_from_wall,
 )
-from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
+from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, goes_on, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.body.wall import Wall
@@ -79,6 +81,7 @@ STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
+EVERYWHERE = np.zeros((1, 2)), np.inf
 # Share of a way across the body that flow may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
 # a line that was carried by them from frame to frame lagged behind both edges.
 FLOW_MISSES = 0.05
@@ -121,6 +124,7 @@ class BodyFollower:
         self.frame = -1
         self.moved_px = 0.0  # by the last frame, where it moved most
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
+        self.edge_offsets: FloatArray | None = None
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
@@ -151,9 +155,10 @@ class BodyFollower:
             if guided is not None:
                 fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
-        if self.good and fit.reason and not fit.reason.startswith("touches_border") and (gone := self._outlined(lab)) is not None:
-            anew = self._judged(lab, self._fit(lab, *gone, 0.8))
-            fit = fit if anew.reason else anew
+        if self.good and fit.reason and not fit.reason.startswith("touches_border"):
+            lab = self.wall.look(picture, *EVERYWHERE)  # it may have gone farther than was looked at
+            found = (self._judged(lab, self._fit(lab, *gone, 0.8)) for gone in self._outlined(lab))
+            fit = next((anew for anew in found if not anew.reason), fit)
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -181,9 +186,9 @@ class BodyFollower:
     def looked_at(self) -> tuple[FloatArray, float]:
         """Places (n, 2) px, and how far around them the next picture is looked at: where the body was, or all where it is sought."""
         if self.good == 0:
-            return np.zeros((1, 2)), np.inf
+            return EVERYWHERE
         known = self.missed == 0 and self.guide is None
-        return self.body.points, LOOKED_AT * float(middle(self.body.half)) if known else np.inf
+        return (self.body.points, LOOKED_AT * float(middle(self.body.half))) if known else EVERYWHERE
 
     def _judged(self, lab: Picture, fit: Fit) -> Fit:
         """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
@@ -316,7 +321,7 @@ class BodyFollower:
         evidence = Evidence(lab, self.wall, self.foot, self.first.half, None)
         if skin:
             marks = marks_in(lab, self.marks, predicted, self.wall)
-            evidence = replace(evidence, skin=self.skin, end_offsets=self.end_offsets, marks=marks)
+            evidence = replace(evidence, skin=self.skin, edge_offsets=self.edge_offsets, end_offsets=self.end_offsets, marks=marks)
         return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
 
     def _predicted(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
@@ -336,13 +341,13 @@ class BodyFollower:
             return held_to_length(near, covariance, self.known_length, stderr)
         return near, covariance
 
-    def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
-        """The body where all is that looks like it, as long as when its end was last seen, and what that leaves open."""
-        line = reached(lab, self.wall, self.last, self.foot, self.pointed_half(), self.known_length)
-        if line is None or self.body.untold:
-            return None
-        near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
-        return near.body, self._spread(self.body.length / self.known_length - 1.0)
+    def _outlined(self, lab: Picture) -> Iterator[tuple[SeenBody, FloatArray]]:
+        """Where all is that looks like the body, and what that leaves open: as long as when its end was last seen, and as that is."""
+        if self.body.untold:
+            return
+        for line in reached(lab, self.wall, self.last, self.foot, self.pointed_half(), self.known_length):
+            near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
+            yield near.body, self._spread((near.body.length - self.body.length) / self.known_length)
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         end = fit.end[np.isfinite(fit.end)]
@@ -353,13 +358,14 @@ class BodyFollower:
         self.known_length = self.known_length if self.good and not level else fit.body.length
         beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
+        slipped += goes_on(fit) ** 2
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
-            self.first.fit = fit
+            self.first.fit, self.edge_offsets = fit, beyond_half(lab, self.wall, fit.body)
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
             self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin[0], self.body)

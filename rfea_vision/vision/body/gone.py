@@ -49,7 +49,7 @@ GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information o
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
-REACHED = 1.25  # times as long as it is: chosen, so much of a way is smoothed before it is cut to that
+REACHED = 1.5  # times as long as it is: what a body may be, so much of a way is looked at
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
 
@@ -163,12 +163,12 @@ def held_to_length(body: SeenBody, covariance: FloatArray, length: float, stderr
     return replace(body, points=body.points + shift), covariance - np.outer(gain, stretches)
 
 
-def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px: float, length: float) -> FloatArray | None:
+def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px: float, length: float) -> list[FloatArray]:
     """Stations (S, 2) px of a body of `length` px on the way through the middle of all that looks like it, from its clamp on.
 
     `foot` (2, 2) is where the body begins, and the direction in which it leaves. Beyond the end of the way, which falls short of a
-    round cap, or ends where an arm of discs does not hang together, it goes straight on. None where nothing that looks like it hangs
-    together with the clamp.
+    round cap, or ends where an arm of discs does not hang together, it goes straight on; and then those of one that is as long as the
+    way, where that is longer. None where nothing that looks like it hangs together with the clamp.
     """
     body, reach, size = last.body, REACHED * length, np.array(picture.shape[1::-1])
     (left, top), (right, bottom) = (np.clip(foot[0] + sign * reach, 0, size).astype(int) for sign in (-1, 1))
@@ -183,14 +183,16 @@ def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px
     alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind & ~another, dtype=np.uint8)
     row, column = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top))[::-1] / COARSE).astype(int).tolist()
     if not (0 <= row < alike.shape[0] and 0 <= column < alike.shape[1]):
-        return None
+        return []
     way = middle_way(np.asarray(cv2.medianBlur(alike, 3), dtype=np.uint8), (row, column), half_px / COARSE)
     if way is None:
-        return None
+        return []
     way = np.vstack([foot[:1], COARSE * way + (left, top)])
+    longer = length < along(way)[-1] < reach
     way = way[along(way) < reach]
     line = smooth_line(np.vstack([way[: -1 : max(len(way) // 60, 1)], way[-1:]]))
-    return at(np.vstack([line, line[-1] + length * frame_of(line)[0][-1]]), SHARES * length)
+    known = at(np.vstack([line, line[-1] + length * frame_of(line)[0][-1]]), SHARES * length)
+    return [known, at(line, SHARES * along(line)[-1])] if longer else [known]
 
 
 def _look_alike(picture: Picture, wall: Wall, window: tuple[slice, slice], body: SeenBody) -> NDArray[np.bool_]:
