@@ -188,7 +188,8 @@ def read_text(path: Path) -> Table:
             every = [separator.replace(_BLANKS, " ").join(f"c{place + 1}" for place in range(len(cells))), *every]
         elif any(_is_number(cell) for cell in cells[:1]):
             raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
-        _refuse_other_width(path, every, separator)
+        if not _split_by_decimal_commas(every[0], every[1:], separator):  # that has a sentence of its own
+            _refuse_other_width(path, every, separator)
         header, first = 0, 1
     sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]
     commas = [cell for cell in sample if _COMMA.match(cell)]
