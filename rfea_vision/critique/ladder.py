@@ -189,6 +189,7 @@ class _Climb:
                 tied=self.last.tied,
                 delta_bic=bic,
                 verdict=diagnosis.verdict,
+                asks_less=diagnosis.asks_less,
                 grade=self.last.grade,  # type: ignore[arg-type]
                 probability=self.last.probability,
                 share=self.last.share,
