@@ -299,7 +299,7 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
     half = np.full(len(BEYOND), body.half[body.last - 3 : body.last + 1].mean())
     points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
     # At the very end half of what was read may lie beyond it, and a half width before that discs may have a gap.
-    like = (last, last - np.ceil(half / body.length * STATIONS).astype(int))
+    like = (last, np.maximum(last - np.ceil(half / body.length * STATIONS).astype(int), 0))
     shares = [support(behind, points, normals[last], half, body.inside[own], body.outside[own], SURELY) for own in like]
     return beside.T, np.max(shares, axis=0)
 

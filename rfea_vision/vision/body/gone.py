@@ -168,7 +168,7 @@ def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px
 
     `foot` (2, 2) is where the body begins, and the direction in which it leaves. Beyond the end of the way, which falls short of a
     round cap, or ends where an arm of discs does not hang together, it goes straight on; and then those of one that is as long as the
-    way, where that is longer. None where nothing that looks like it hangs together with the clamp.
+    way, where that is longer. Empty where nothing that looks like it hangs together with the clamp.
     """
     body, reach, size = last.body, REACHED * length, np.array(picture.shape[1::-1])
     (left, top), (right, bottom) = (np.clip(foot[0] + sign * reach, 0, size).astype(int) for sign in (-1, 1))

@@ -43,8 +43,9 @@ GATHERED = 0.4  # of a line's length, between two of its points: so near to each
 FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
-# well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
-# a half half widths beyond it: so in 9 of 15 wrong frames of two films, in none of 1700 of 18 films that were followed well.
+# well: rays find a ruled line, and lines look like rubber; both together were not.
+# Where rays find no end, `MOST` of all up to one and a half half widths beyond it, more than in the first frame: so in 9 of 15 wrong
+# frames of two films, in none of 1700 of 18 films that were followed well.
 END_OFF = 0.3
 # An end that is seen up to a half width beyond the line is known to how far that is, if the line is square to it: in five drawn films
 # (seen) rays to either side of right lines differed by 0.4 half widths at most there, and by 0.8 and more where one had gone astray.
