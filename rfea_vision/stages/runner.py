@@ -211,7 +211,7 @@ class Runner:
         Raises
         ------
         RfeaError
-            Where failing is not tolerated: the first failure, with the names of the others.
+            Where failing is not tolerated: the first failure, with the names of the others, whose reasons are noted before.
         """
         chosen = [self.campaign.experiment(name) for name in names] if names else self.active()
         results: dict[str, _Result] = {}
@@ -222,6 +222,8 @@ class Runner:
             except RfeaError as error:
                 failures[experiment.name] = error
         if failures and not self.tolerant:
+            for name in list(failures)[1:]:
+                self.listener.note(f"{name}: {failures[name]}")
             raise _as_one_error(failures, len(chosen), verb)
         self.failures |= failures
         return results

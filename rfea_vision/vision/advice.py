@@ -24,6 +24,7 @@ from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import FOLDED, LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
+from rfea_vision.vision.clicks import LEAST_CLEAR, aside, on_wall
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, allowed_pixels, begin, digits_of, line_of
 from rfea_vision.vision.find.locate import Path, find_paths
@@ -47,8 +48,8 @@ _UPSIDE_DOWN = (
     ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
     "it stands, write rig: {gravity: up}"
 )
+OTHER_WIDTH = 1.5  # times as wide as the tube is by the scale, or as narrow: chosen, twice is what takes a diameter for a radius
 LEAST_WIDE_PX = 5.0  # films of bodies 2, 3 and 4 px wide were refused, such of 8 and 10 px were followed while their bases rested
-LEAST_CLEAR = 0.5  # of their scatter, the median along the body: chosen, most of what is read has more than 1
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
@@ -71,8 +72,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return moved
     commonest = Counter(filter(None, reasons)).most_common(1)
     of_scale = scale_off if commonest and commonest[0][0].startswith("width_off") else ""
-    looked = reasons[:: (step := _step(source))][:MOST_LOOKED]
-    before, count = sum(not reason for reason in looked), len(looked)
+    before, count, step = _looked(source, reasons)
     suggested = _candidates(source, scene, len(reasons)) if before < (1.0 - GAIN) * count else ()
     tried = [(_trial(source, replace(scene, hints=hints), count, step), words) for hints, words in suggested]
     most = max((trial.worth for trial, _ in tried), default=0.0)
@@ -89,6 +89,28 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
+
+
+def clicked_aside(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
+    """Say which of clamp and tip was pointed at beside the body, by the first frame, and where it is; empty where none was.
+
+    What it reads then is tried before it is said: where that is less than what was read, it is another thing.
+    """
+    look, picture = _first_look(source, scene)
+    look.next(picture, 0.0)
+    if (found := aside(look, picture)) is None:
+        return ""
+    before, count, step = _looked(source, reasons)
+    pixels = tuple(map(_pixel, found.places)) if found.name == "clamp" else _pixel(found.places)
+    trial = _trial(source, replace(scene, hints=replace(scene.hints, **{found.name: pixels})), count, step)
+    if trial.good < max(READ * before, 1.0):
+        return ""
+    words = f"[{', '.join(map(_words, found.places))}]" if found.name == "clamp" else _words(found.places)
+    return (
+        f"camera.{found.name} was pointed at beside the tube, or not at its end: check this against the first frame and give it: "
+        f"camera.{found.name}: {words} (the tube is {found.length_mm:.3g} mm long by that, and {scene.length_mm:.3g} mm by "
+        f"actuator.length; {trial.words(count, step)}, and {before} were read without it)"
+    )
 
 
 def moves_elsewhere(source: FrameSource, scene: Scene, tips_mm: FloatArray, count: int) -> str:
@@ -142,12 +164,21 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
             f"the tube is {wide_px:.1f} px wide in the film, and of less than {LEAST_WIDE_PX:g} px too little is seen: film it from "
             f"nearer, or with more pixels, some {max(1.5, 2 * LEAST_WIDE_PX / wide_px):.1f} times as many across it"
         )
+    wide_mm, tube_mm = wide_px / scene.px_per_mm, 2.0 * scene.half_mm
+    if max(wide_mm / tube_mm, tube_mm / wide_mm) > OTHER_WIDTH:
+        key = "actuator.outer_radius" if scene.actuator.kind == "tube" else "actuator.section"
+        return (
+            f"camera.clamp is {wide_mm:.3g} mm wide by the scale, and the tube {tube_mm:.3g} mm by {key}: point at the two edges of "
+            "the tube where it leaves what holds it, or correct the scale or the tube's width"
+        )
     seen, picture = _first_look(source, scene)
     if FOLDED in seen.next(picture, 0.0):
         return (
             "as it is seen in the first frame the tube turns there within its own width, as one does that bends towards the camera: "
             "film it from where it bends in the picture's plane, or begin the film where it lies in that"
         )
+    if told := on_wall(seen.body):
+        return told
     within, beside = seen.body.inside[:, None], seen.body.outside
     clear = np.median(np.abs(within[:, :, 0] - beside[:, :, 0]) / np.sqrt(within[:, :, 1] + beside[:, :, 1]), axis=0).max(axis=-1)
     if clear.min() >= LEAST_CLEAR:
@@ -231,6 +262,8 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
             points = np.round((line[[16, 32, 48]] + 0.5) / seen.scale - 0.5, 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
+    else:  # one that was pointed at in another order, or beside the body, leads astray
+        yield replace(scene.hints, centre_line=()), "camera.clamp and camera.tip alone, without camera.centre_line"
 
 
 def _first_look(source: FrameSource, scene: Scene) -> tuple[BodyFollower, NDArray[np.uint8]]:
@@ -254,6 +287,12 @@ class Trial(NamedTuple):
     def words(self, count: int, step: int) -> str:
         """What it read of so many frames, each of them one in `step`."""
         return f"tried, it reads {self.good} of the first {count} frames" + (f" that are looked at, one in {step}" if step > 1 else "")
+
+
+def _looked(source: FrameSource, reasons: list[str]) -> tuple[int, int, int]:
+    """How many of the frames that are looked at were read, how many these are, and every how many of the film's they are."""
+    looked = reasons[:: (step := _step(source))][:MOST_LOOKED]
+    return sum(not reason for reason in looked), len(looked), step
 
 
 def _step(source: FrameSource) -> int:

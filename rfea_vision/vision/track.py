@@ -18,7 +18,15 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.lines import rig_axes
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import READ, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
+from rfea_vision.vision.advice import (
+    READ,
+    base_moved,
+    clicked_aside,
+    end_like_wall,
+    moves_elsewhere,
+    next_hint,
+    scale_doubt,
+)
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
@@ -105,7 +113,7 @@ def track_frames(
     if told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
         raise DataError(f"{source.path}: {told}")
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
-    if told := end_like_wall(follower):
+    if told := _misplaced(source, scene, follower, rows) or end_like_wall(follower):
         said.append(told)
     elif rows.share < READ and not said:
         said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
@@ -184,8 +192,15 @@ def _why_lost(
         if isinstance(follower, Follower):  # edges alone rest on the side
             side = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
-    remedy = (end_like_wall(follower) if rows.good else "") or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
+    remedy = _misplaced(source, scene, follower, rows) or (end_like_wall(follower) if rows.good else "")
+    remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
     return f"{measured} ({rows.commonest_reason}); {remedy}"
+
+
+def _misplaced(source: FrameSource, scene: Scene, follower: Follower | BodyFollower, rows: Rows) -> str:
+    """Which click lies beside the body that was followed from the clicks, in words; empty where none does."""
+    pointed_at = isinstance(follower, BodyFollower) and not follower.held
+    return clicked_aside(source, scene, rows.reasons) if pointed_at else ""
 
 
 def _frame_count(source: FrameSource) -> int:

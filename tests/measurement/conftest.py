@@ -25,6 +25,7 @@ def small_lens() -> Lens:
 def unadvised(monkeypatch) -> None:
     """Hints for a film that is refused are not tried: that takes longer than the film, and has tests of its own."""
     monkeypatch.setattr("rfea_vision.vision.track.next_hint", lambda *_, **__: "no hint is tried")
+    monkeypatch.setattr("rfea_vision.vision.track.clicked_aside", lambda *_: "")
 
 
 @pytest.fixture(scope="session")

@@ -52,7 +52,7 @@ def test_a_wrong_square_shows_as_a_wrong_length(checked, square_m, off):
     assert data.attrs["hinge_length_mm"] == pytest.approx(155.0 * square_m / 0.012, rel=0.006)
     said = data.attrs["length_check"]
     assert f"it measures {off}" in said
-    assert said.endswith("% against actuator.length: check the board's square and the length")
+    assert said.endswith("% against actuator.length: check the board's square (or camera.scale) and the length")
 
 
 SAID = "the inextensible side keeps its length within 0.1 % over all postures; it measures +20.0 % against actuator.length: check"

@@ -10,7 +10,7 @@ from campaign.campaigns import write_campaign
 from rfea_vision.artefacts import Ladder, Rung
 from rfea_vision.campaign import load_campaign
 from rfea_vision.campaign.specs import CameraSpec
-from rfea_vision.errors import InputError
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Listener
@@ -151,3 +151,14 @@ def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_p
     own, shared = (replace(run, camera=CameraSpec(vertical=vertical)) for vertical in ("rest", "board"))
     work.campaign = replace(work.campaign, camera=shared.camera)
     assert cameras.calibration_of(work, shared) == work.campaign.name != cameras.calibration_of(work, own)
+
+
+def test_why_each_of_several_experiments_failed_is_said(work):
+    """Of all but the first only the names were."""
+
+    def fails(experiment):
+        raise DataError(f"{experiment.name} is broken")
+
+    with pytest.raises(DataError, match=r"^sine is broken; also failed: steps"):
+        work.each([], fails, "tracked")
+    assert "steps: steps is broken" in work.listener.said

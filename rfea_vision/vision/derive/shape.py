@@ -304,7 +304,10 @@ def _length_check(data: Derived, scene: Scene, *, of_body: bool) -> dict[str, An
         said = f"the inextensible side changes by {change:+.1f} % with the bend"
         said += ", as one that stretches does, or one in a plane that is tilted" if of_body else ": suspect plane tilt, lens or scale"
     if abs(off) > 3.0:
-        said += f"; it measures {off:+.1f} % against actuator.length: check the board's square and the length"
+        scales = "the board's square (or camera.scale)"
+        checked = "the length, and that camera.clamp and camera.tip are its ends"
+        checks = f"{scales}, {checked}" if scene.is_pointed_at else f"{scales} and the length"
+        said += f"; it measures {off:+.1f} % against actuator.length: check {checks}"
     return {
         "hinge_length_mm": float(np.median(hinge)),
         "hinge_length_spread_mm": spread,
