@@ -44,6 +44,50 @@ def test_a_distance_sets_the_scale_and_its_error_covers_what_is_assumed():
     assert np.all(sigma < 0.05 * 180.0)
 
 
+def reach_of(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Error (2,) of a tip as seen from its clamp, mm, and its standard error: a camera as it is assumed to be set up, at random."""
+    rng = np.random.default_rng(seed)
+    focal = 0.8 * SIZE[0] * np.exp(0.25 * rng.normal())
+    turn, depth = np.radians(3.0) * np.array([*rng.normal(size=2), 0.0]), focal / 4.0
+    matrix = np.array([[focal, 0, 639.5], [0, focal, 359.5], [0, 0, 1]])
+    pose = cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ np.diag([1.0, -1.0, -1.0]))[0], np.array([0.0, 0.0, depth])
+    lens = np.array([0.03 * rng.normal(), 0, 0, 0, 0])
+
+    def seen(places, behind=0.0):
+        return cv2.projectPoints(np.column_stack([places, np.full(len(places), behind)]), *pose, matrix, lens)[0][:, 0]
+
+    behind = 0.005 * depth * rng.normal()
+    if kind == "ruler below":
+        places = np.array([[-50.0, -80.0], [50.0, -80.0]])
+        read = places + np.outer([0.0, 0.5 * rng.normal()], [1.0, 0.0])
+        calibration = scaled_by_distance(SIZE, seen(read, behind) + 1.5 * rng.normal(size=(2, 2)), 100.0)
+    else:
+        places = np.array([[-140.0, 80.0], [140.0, 80.0], [140.0, -80.0], [-140.0, -80.0]])
+        read = places + 0.5 * rng.normal(size=places.shape)
+        calibration = scaled_by_places(SIZE, seen(read, behind) + 1.5 * rng.normal(size=places.shape), places)
+    tube = np.array([[0.0, 80.0], [60.0, -10.0]])
+    clamp, tip = pixels_to_plane_mm(calibration, seen(tube))
+    variance = place_covariance_mm2(calibration, tip[None], clamp)[0]
+    return tip - clamp - (tube[1] - tube[0]), np.sqrt(np.diagonal(variance))
+
+
+@pytest.mark.parametrize("kind", ["ruler below", "four places"])
+def test_the_error_of_a_scale_without_a_board_is_what_is_said(kind):
+    """A ruler tells the scale where it lies: a camera that is tilted sees another one at the tube. Of places, a lens that bends lines
+    moves the pose. Their errors were 2.2 and 1.6 times what was said."""
+    off, sigma = (np.array(part) for part in zip(*(reach_of(kind, seed) for seed in range(150)), strict=True))
+    assert 0.8 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.3
+    assert 0.88 < np.mean(np.abs(off) < 1.96 * sigma) < 0.99
+
+
+def test_places_seen_from_far_aside_are_not_turned_over():
+    """By 47 degrees: y was taken to be measured downwards, and the tube was mirrored."""
+    pixels = np.array([[172.0, 180.0], [438.0, 26.0], [540.0, 907.0], [54.0, 588.0]])
+    places = np.array([[-65.0, 90.0], [65.0, 90.0], [65.0, -90.0], [-65.0, -90.0]])
+    calibration = scaled_by_places((480, 640), pixels, places)
+    np.testing.assert_allclose(pixels_to_plane_mm(calibration, pixels), places, atol=3.0)
+
+
 @pytest.mark.parametrize("downwards", [False, True])
 def test_four_places_give_the_perspective(downwards):
     _, pixels, plane = camera_at(np.radians(20.0))
