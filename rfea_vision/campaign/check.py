@@ -298,13 +298,17 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
         own = open_source(replace(video, rate_Hz=None))
         run.warn("video.rate", *plausibility.of_rate(video.rate_Hz, own.rate_Hz), *plausibility.of_gaps(own.times_s(), counted=True))
     run.seconds = source.times_s()
-    camera, gravity_deg = run.experiment.camera, run.experiment.rig.gravity_deg
-    for key, text in [] if camera is None else pointing.of_hints(camera.hints, gravity_deg):
-        run.warn(f"camera.{key}", text)
+    experiment = run.experiment
+    if experiment.camera is not None:
+        wrong, odd = pointing.of_camera(experiment.camera, source.size, experiment.actuator, experiment.rig.gravity_deg)
+        for key, text in wrong:
+            run.refuse(key, text)
+        for key, text in odd:
+            run.warn(key, text)
     if len(run.seconds):
         run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
     run.warn("video", *plausibility.of_gaps(run.seconds))
-    if text := _unlike_photos(run.experiment.camera, source.size):
+    if text := _unlike_photos(experiment.camera, source.size):
         run.refuse("video", text)
 
 

@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from rfea_vision.artefacts.measurement import Hints
+from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints
+from rfea_vision.campaign.schema import ScalePart
+from rfea_vision.campaign.specs import CameraSpec
+from rfea_vision.errors import InputError
+from rfea_vision.lines import along
+
+if TYPE_CHECKING:
+    from rfea_vision.arrays import FloatArray
 
 #: Of the way from clamp to tip, by which the tip lies above where gravity points down: a tube that hangs and bends by 90 deg has none.
 _UPWARDS = 0.5
+#: Times as wide as the tube is, or as long, by the scale, and as narrow: chosen, a diameter given as a radius is twice as wide, and a
+#: tube that bends is shorter from clamp to tip.
+_OTHER_SIZE = 1.5
+
+
+def of_camera(
+    camera: CameraSpec, size: tuple[int, int], tube: Actuator, gravity_deg: float | None
+) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """What is wrong, and what is odd, of what was pointed at in pictures of a `size` in px: keys, and why."""
+    wrong, odd = outside(camera, size), of_hints(camera.hints, gravity_deg)
+    if camera.scale is not None and not wrong:
+        try:
+            odd += of_size(camera.hints, calibrated_by_scale(camera, size, 1e3 * tube.length), tube)
+        except InputError as error:
+            key, _, text = str(error).removeprefix("camera.").partition(": ")
+            wrong.append((key, text))
+    return [(f"camera.{key}", text) for key, text in wrong], [(f"camera.{key}", text) for key, text in odd]
 
 
 def of_hints(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
@@ -24,3 +50,66 @@ def of_hints(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
             "{gravity: up}; of a film upside down turn it and the photos of the board by half a turn",
         )
     ]
+
+
+def calibrated_by_scale(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
+    """Calibration by `camera.scale` of pictures of a `size` in px, in which the tube is `length_mm` long.
+
+    Raises
+    ------
+    InputError
+        If its points do not tell a scale.
+    """
+    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
+
+    scale = camera.scale
+    if isinstance(scale, ScalePart):
+        error_mm = None if scale.error is None else 1e3 * scale.error
+        if scale.distance is not None:
+            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm)
+        places_mm = [(1e3 * x, 1e3 * y) for x, y in scale.places or ()]
+        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm)
+    return scaled_by_distance(size, _line(camera.hints), length_mm, error_mm=TUBE_SPREAD * length_mm)
+
+
+def outside(camera: CameraSpec, size: tuple[int, int]) -> list[tuple[str, str]]:
+    """What was pointed at outside of pictures of a `size` in px: the key under `camera`, and why."""
+    hints, scale = camera.hints, camera.scale
+    given = {"clamp": hints.clamp or (), "tip": () if hints.tip is None else (hints.tip,), "centre_line": hints.centre_line}
+    given["scale.points"] = scale.points if isinstance(scale, ScalePart) else ()
+    found = []
+    for key, points in given.items():
+        places = np.array(points, dtype=float).reshape(-1, 2)
+        for x, y in places[np.any((places < -0.5) | (places > np.array(size) - 0.5), axis=1)][:1]:
+            found.append((key, f"{x:g}, {y:g} lies outside the picture of {size[0]} x {size[1]} px; point at it in the first frame"))
+    if hints.region is not None:
+        x, y, width, height = hints.region
+        if x >= size[0] or y >= size[1] or x + width <= 0.0 or y + height <= 0.0:
+            of = f"the picture of {size[0]} x {size[1]} px"
+            found.append(("region", f"{list(hints.region)} lies outside {of}; it is x, y, width and height"))
+    return found
+
+
+def of_size(hints: Hints, calibration: Calibration, tube: Actuator) -> list[tuple[str, str]]:
+    """Doubt a clamp of another width than the tube has by the scale, and a line of another length: the key under `camera`, and why."""
+    from rfea_vision.calibration.projection import pixels_to_plane_mm
+
+    found: list[tuple[str, str]] = []
+    if hints.clamp is not None:
+        wide_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, np.array(hints.clamp)))[-1]), 2e3 * tube.outer_radius
+        if not 1.0 / _OTHER_SIZE < wide_mm / tube_mm < _OTHER_SIZE:
+            key = "actuator.outer_radius" if tube.kind == "tube" else "actuator.section"
+            text = f"its two points are {wide_mm:.3g} mm apart by camera.scale, and the tube is {tube_mm:.3g} mm wide by {key}"
+            found.append(("clamp", f"{text}; are they the two edges of the tube, and is no diameter given as a radius?"))
+    if hints.clamp is not None and hints.tip is not None:
+        long_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, _line(hints)))[-1]), 1e3 * tube.length
+        if long_mm > _OTHER_SIZE * tube_mm or (len(hints.centre_line) > 1 and long_mm < tube_mm / _OTHER_SIZE):
+            text = f"by it the way from camera.clamp to camera.tip is {long_mm:.3g} mm, and actuator.length {tube_mm:.3g} mm"
+            found.append(("scale", f"{text}; correct the one that is wrong"))
+    return found
+
+
+def _line(hints: Hints) -> FloatArray:
+    """Points (n, 2) px from the clamp's middle to the tip."""
+    return np.array([np.mean(np.array(hints.clamp), axis=0), *hints.centre_line, hints.tip], dtype=float)
+

@@ -70,7 +70,9 @@ def validation_problems(
             file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment, meant
         )
         problems.setdefault(keys, problem)
-    return list(problems.values())
+    # Where a word or a mapping may stand, and what stands in the mapping is wrong, it is not also said that it is no word.
+    deeper = [keys[:length] for keys in problems for length in range(1, len(keys))]
+    return [problem for keys, problem in problems.items() if keys not in deeper]
 
 
 def _locate(files: tuple[YamlFile, ...], keys: KeyPath) -> tuple[YamlFile, int | None]:
@@ -110,6 +112,11 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return f"found {found!r}; one text is needed" + (f", such as '{found[0]}'" if _is_of_one(found) else "")
         case "tuple_type" | "list_type":
             return f"found {found!r}; a list is needed, as in [9, 6]"
+        case "too_short" | "too_long":
+            number, limit = item["ctx"]["actual_length"], item["ctx"].get("min_length", item["ctx"].get("max_length"))
+            return f"found {found!r}, which are {number}; there must be {limit} {'at least' if kind == 'too_short' else 'at most'}"
+        case "finite_number":
+            return f"found {found}; a number is needed"
         case "value_error":
             return str(item["ctx"]["error"])
         case "model_type" | "dict_type" | "model_attributes_type":

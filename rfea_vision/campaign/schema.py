@@ -116,9 +116,7 @@ def _colour(value: object) -> object:
     digits = value.removeprefix("#")
     if len(digits) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in digits):
         return tuple(int(digits[i : i + 2], 16) for i in (0, 2, 4))
-    raise ValueError(
-        f"'{value}' is no colour; give one of {', '.join(_COLOURS)}, or '#rrggbb' as a picture editor shows it"
-    )
+    raise ValueError(f"'{value}' is no colour; give one of {', '.join(_COLOURS)}, or '#rrggbb' as a picture editor shows it")
 
 
 Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
@@ -137,7 +135,8 @@ Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
 Moment = Annotated[float, _quantity("s", "0.8 s"), _shown("0.8 s")]
 Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
 Text = Annotated[str, BeforeValidator(_text)]
-Rgb = Annotated[tuple[int, int, int], BeforeValidator(_colour)]
+_Grey = Annotated[int, Field(ge=0, le=255)]
+Rgb = Annotated[tuple[_Grey, _Grey, _Grey], BeforeValidator(_colour)]
 Ambient = Annotated[float | str, BeforeValidator(_pressure_or_column), _shown("101.3 kPa")]
 Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
@@ -150,7 +149,7 @@ Role = Literal["train", "validate", "test", "ignore"]
 class _Part(BaseModel):
     """Every part refuses keys that it does not know: a misspelt key must not be ignored in silence."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class SectionPart(_Part):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
-from rfea_vision.campaign.schema import ScalePart
+from rfea_vision.campaign.pointing import calibrated_by_scale
 from rfea_vision.errors import InputError
 from rfea_vision.progress import Progress
 from rfea_vision.readers.source import open_source
@@ -38,13 +38,13 @@ def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibrati
         raise InputError(f"{experiment.file}: camera: is missing; pictures need it")
     own = experiment.camera != work.campaign.camera
     subject = f"{experiment.name}/camera" if own else work.campaign.name  # a run may be called as its campaign is
-    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
+    tube = experiment.actuator if own else work.campaign.actuator
+    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject, length_m=tube.length)
 
 
-def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
-    """Calibrate one camera from its photos, or take over an earlier calibration."""
+def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str, *, length_m: float) -> Stored[Calibration]:
+    """Calibrate one camera, of a tube of a length, from its photos, or take over an earlier calibration."""
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
-    length_m = work.campaign.actuator.length
     size = _picture_size(work, camera) if camera.scale is not None else None
     scaled = (camera.hints, size) if camera.scale is not None else None
 
@@ -76,7 +76,7 @@ def _calibrated(
     from rfea_vision.calibration.storage import load_calibration
 
     if size is not None:
-        calibration = _scaled(camera, size, length_mm)
+        calibration = calibrated_by_scale(camera, size, length_mm)
         return calibration, calibration.quality.get("note", "")
     vertical, offset_mm = camera.vertical if isinstance(camera.vertical, str) else "plumb", camera.board_offset_mm
     if camera.file is not None:
@@ -112,23 +112,6 @@ def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
         f"{work.campaign.root / 'campaign.yaml'}: camera.scale: no experiment has a video of this camera; give one, "
         "or write the scale into the experiment.yaml whose video it belongs to"
     )
-
-
-def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
-    """Calibration by `camera.scale`."""
-    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
-
-    scale, hints = camera.scale, camera.hints
-    if isinstance(scale, ScalePart):
-        error_mm = None if scale.error is None else 1e3 * scale.error
-        if scale.distance is not None:
-            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm)
-        places_mm = [(1e3 * x, 1e3 * y) for x, y in scale.places or ()]
-        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm)
-    assert hints.clamp is not None and hints.tip is not None
-    (ax, ay), (bx, by) = hints.clamp
-    line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]
-    return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 
 def own_times(experiment: ExperimentSpec, time_s: FloatArray) -> FloatArray | None:

@@ -53,7 +53,7 @@ class Workspace(Runner):
         # A scale without a board belongs to the film it was read from.
         if camera is not None and (camera.scale is None or any(item.camera == camera for item in self.active())):
             path = cameras.calibration_path(self, None)
-            found.append(cameras.calibrate(self, camera, path, self.campaign.name))
+            found.append(cameras.calibrate(self, camera, path, self.campaign.name, length_m=self.campaign.actuator.length))
         found += [self.calibration_of(item) for item in self.active() if item.video is not None]
         return found[0].value if found else None
 

@@ -38,7 +38,7 @@ def test_chambers_are_read_with_their_signs(tmp_path):
         (TWO_CHAMBERS.replace("chamber: right, ", ""), "each of several needs the name of its chamber"),
         (TWO_CHAMBERS.replace("sign: -1", "sing: -1"), "did you mean 'sign'"),
         (TWO_CHAMBERS.replace("-1", "2"), "must be 1 or -1"),
-        ("pressure: []", "at least 1 item"),
+        ("pressure: []", "there must be 1 at least"),
     ],
 )
 def test_chambers_that_are_wrong_are_named(tmp_path, text, says):

@@ -1,0 +1,82 @@
+"""Hints and a scale that cannot be right are told before a film is followed, each by its key, and once."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.campaign.check import check_campaign
+from rfea_vision.campaign.pointing import of_camera
+from rfea_vision.campaign.schema import ScalePart
+from rfea_vision.campaign.specs import CameraSpec
+
+SIZE = (480, 640)
+TUBE = Actuator(outer_radius=0.0045, inner_radius=0.002, length=0.12)
+RULER = [[20, 600], [320, 600]]  # 3 px per mm
+HINTS = Hints(clamp=((226.5, 90.0), (253.5, 90.0)), tip=(240.0, 440.0))
+CROSSED = [[20, 600], [300, 600], [20, 100], [300, 100]]
+SHEET = [["0 mm", "0 mm"], ["100 mm", "0 mm"], ["100 mm", "170 mm"], ["0 mm", "170 mm"]]
+
+
+def told(hints: Hints = HINTS, **scale: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    given = ScalePart.model_validate({"points": RULER, "distance": "100 mm"} | scale)
+    return of_camera(CameraSpec(scale=given, hints=hints), SIZE, TUBE, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("hints", "scale", "key", "says"),
+    [
+        ({"tip": (900.0, 90.0)}, {}, "camera.tip", "900, 90 lies outside the picture of 480 x 640 px"),
+        ({"region": (1000.0, 10.0, 30.0, 30.0)}, {}, "camera.region", "lies outside"),
+        ({}, {"points": [[20, 600], [900, 600]]}, "camera.scale.points", "900, 600 lies outside"),
+        ({}, {"points": [[20, 600], [23, 600]]}, "camera.scale.points", "they are 3 px apart"),
+        ({}, {"points": CROSSED, "distance": None, "places": SHEET}, "camera.scale.places", "check the order"),
+    ],
+)
+def test_what_cannot_be_in_the_picture_is_refused(hints, scale, key, says):
+    (problem,), _ = told(replace(HINTS, **hints), **scale)
+    assert problem[0] == key and says in problem[1]
+
+
+@pytest.mark.parametrize(
+    ("hints", "scale", "keys"),
+    [
+        ({}, {}, []),
+        ({"tip": (400.0, 200.0)}, {}, []),  # bent
+        ({"clamp": ((213.0, 90.0), (267.0, 90.0))}, {}, ["camera.clamp"]),  # a diameter as radius
+        ({}, {"distance": "10 mm"}, ["camera.clamp"]),
+        ({}, {"distance": "100 cm"}, ["camera.clamp", "camera.scale"]),
+        ({"centre_line": ((240.0, 120.0), (240.0, 150.0)), "tip": (240.0, 200.0)}, {}, ["camera.scale"]),
+    ],
+)
+def test_a_scale_by_which_the_tube_is_of_another_size_is_doubted(hints, scale, keys):
+    wrong, odd = told(replace(HINTS, **hints), **scale)
+    assert not wrong and [key for key, _ in odd] == keys
+
+
+@pytest.mark.parametrize(
+    ("camera", "says"),
+    [
+        ("scale: {points: [[20, 20]], distance: 10 mm}", "camera.scale.points: found [[20, 20]], which are 1; there must be 2"),
+        ("scale: {points: [[5, 5], [60, 5]], distance: 10}", "camera.scale.distance: 10 has no unit; write for example '10 cm'"),
+        ("scale: tub", "camera.scale: found 'tub'; must be 'tube'"),
+        ("tip: [.nan, 20]", "camera.tip.0: found nan; a number is needed"),
+        ("clamp: [5, 5, 10, 5]", "camera.clamp: found [5, 5, 10, 5], which are 4; there must be 2 at most"),
+        ("colour: [300, 0, 0]", "camera.colour.0: found 300"),
+        ("tip: [5, 90]", "camera.tip: 5, 90 lies outside the picture of 64 x 48 px"),
+    ],
+)
+def test_each_is_one_sentence_in_the_check_of_a_campaign(tmp_path, camera, says):
+    """Of a mapping it was also said that it is no word, NaN passed, and a tip outside of the film was told only by tracking."""
+    (tmp_path / "frames").mkdir()
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / "frames" / f"{k}.png"), np.full((48, 64), 90, np.uint8))
+    scale = "" if camera.startswith("scale") else "scale: {points: [[5, 5], [60, 5]], distance: 10 mm}, "
+    (tmp_path / "experiment.yaml").write_text(
+        f"format: rfea-experiment/1\ncamera: {{{scale}{camera}}}\nframes: {{folder: frames, rate: 30 Hz}}\npressure: {{value: 0 kPa}}\n"
+    )
+    errors = [str(problem) for problem in check_campaign(tmp_path).problems if problem.severity == "error"]
+    assert len(errors) == 1 and says in errors[0], errors
