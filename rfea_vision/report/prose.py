@@ -171,7 +171,13 @@ def _shows(step: LadderStep) -> str:
     places = step.comparison.where if step.comparison else []
     if not places or not 0.0 < places[0].to_sigma - places[0].from_sigma <= 0.5:  # of an angle there is no place
         return ""
-    return f"; it shows {100 * places[0].from_sigma:.0f} to {100 * places[0].to_sigma:.0f} % along the tube"
+    low, high = (round(100 * share) for share in (places[0].from_sigma, places[0].to_sigma))
+    where = f"between {low} and {high} % of the way from clamp to tip"
+    if high == 100:
+        where = f"in the last {100 - low} % of the way to the tip"
+    elif low == 0:
+        where = f"in the first {high} % of the way from the clamp"
+    return f"; the model is off most {where}"
 
 
 def findings(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Finding]:

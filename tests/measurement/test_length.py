@@ -14,6 +14,7 @@ from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision import advice, track_frames
+from rfea_vision.vision.derive.shape import _length_check
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene
 from rfea_vision.vision.track import make_scene
 from testing.scenes import Look, bending, film
@@ -53,6 +54,15 @@ def test_a_wrong_square_shows_as_a_wrong_length(checked, square_m, off):
     said = data.attrs["length_check"]
     assert f"it measures {off}" in said
     assert said.endswith("% against actuator.length: check the board's square (or camera.scale) and the length")
+
+
+@pytest.mark.parametrize(("of_body", "doubted"), [(True, False), (False, True)])
+def test_a_body_that_stretches_is_compared_as_it_is_at_rest(of_body, doubted):
+    """Of one that grows by 14 % the median was said to be 5 % too long, and the scale to be wrong."""
+    bend = np.linspace(0.0, 60.0, 40) ** 2 / 60.0
+    data: Any = {"hinge_length": (("time",), 80.0 * (1.0 + 0.14 * bend / 60.0)), "bend_angle": (("time",), bend)}
+    said = _length_check(data, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)), of_body=of_body)["length_check"]
+    assert "changes by +13" in said and ("against actuator.length" in said) == doubted
 
 
 SAID = "the inextensible side keeps its length within 0.1 % over all postures; it measures +20.0 % against actuator.length: check"

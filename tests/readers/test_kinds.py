@@ -288,6 +288,9 @@ def test_channels_of_one_name_are_all_there(tmp_path):
         ("% Point: 3, 4\ntime_s,pressure_kPa\n0,2.5\n% pump on\n1,3.5\n", [2.5, 3.5]),
         ("# rig 3\n# time_s pressure_kPa\n# ------ ------------\n0 2.5\n1 3.5\n", [2.5, 3.5]),
         ("# rig 3, of 4\n" * 240 + "time_s,pressure_kPa\n0,2.5\n1,3.5\n", [2.5, 3.5]),
+        ("%,time_s,pressure_kPa\n50,0,2.5\n51,1,3.5\n", [2.5, 3.5]),
+        ("%\ttime_s\tpressure_kPa\n50\t0\t2.5\n51\t1\t3.5\n", [2.5, 3.5]),
+        ("%\ttime_s\tpressure_kPa\n0\t2.5\n1\t3.5\n", [2.5, 3.5]),
         ("# Channels\t1\nX_Value\tpressure_kPa\tComment\n0.0\t2.5\t\n0.1\t3.5\t\n", [2.5, 3.5]),
         ("time_s;pressure_kPa\n0,5;1.002,5\n1;1.003\n", [1002.5, 1003.0]),
     ],
@@ -295,6 +298,17 @@ def test_channels_of_one_name_are_all_there(tmp_path):
 def test_signs_that_mean_two_things_in_text(tmp_path, text, wanted):
     (tmp_path / "a.csv").write_text(text)
     np.testing.assert_allclose(read_table(tmp_path / "a.csv").numbers("pressure_kPa"), wanted)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["%,time_s,p\n50,0,2\n51,1,3\n", "%\ttime_s\tp\n50\t0\t2\n51\t1\t3\n", "# ; time_s; p\n50;0;2\n51;1;3\n"],
+)
+def test_a_sign_that_is_a_column_of_its_own_names_it(tmp_path, text):
+    """Percent: the column was called 'Unnamed: 0', or all three c1 to c3."""
+    (tmp_path / "a.csv").write_text(text)
+    table = read_table(tmp_path / "a.csv")
+    assert list(table.columns) == [text[0], "time_s", "p"] and table.numbers(text[0]).tolist() == [50.0, 51.0]
 
 
 def test_units_in_a_comment_below_a_header_in_one(tmp_path):

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import av
@@ -15,6 +16,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
+from rfea_vision.artefacts.judgement import WorstPlace
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import page, render, render_index
 from rfea_vision.report.collect import collect
@@ -22,7 +24,7 @@ from rfea_vision.report.films import fit_films
 from rfea_vision.report.formatting import as_added
 from rfea_vision.report.formatting import number as shown_number
 from rfea_vision.report.pack import Pack
-from rfea_vision.report.prose import _missing, effect_titles, how_it_ended, in_words
+from rfea_vision.report.prose import _missing, _shows, effect_titles, how_it_ended, in_words
 from rfea_vision.report.series import pack_prediction
 from testing.report.sample import RUNGS
 from testing.report.small import TWO, only_angles
@@ -200,3 +202,19 @@ def test_a_test_run_is_drawn_after_the_end_and_a_curve_with_its_band(small: Path
     error = xr.ones_like(last["tip"]).assign_attrs(quantile_95=1.96)
     write_datasets(room / "prediction-test.nc", {TWO[1]: last.assign(tip_stderr=error)})
     assert {"tip", "tip_band"} <= drawn().keys()
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "says"),
+    [
+        (0.88, 1.0, "; the model is off most in the last 12 % of the way to the tip"),
+        (0.0, 0.2, "; the model is off most in the first 20 % of the way from the clamp"),
+        (0.34, 0.47, "; the model is off most between 34 and 47 % of the way from clamp to tip"),
+        (0.2, 0.9, ""),
+    ],
+)
+def test_where_a_model_is_off_most_is_said_in_words(low, high, says):
+    """It was said to 'show 88 to 100 % along the tube'."""
+    place = WorstPlace(experiment="a", from_s=0.0, to_s=1.0, from_sigma=low, to_sigma=high, rmse_mm=1.0, phase="hold", sentence="")
+    step: Any = SimpleNamespace(comparison=SimpleNamespace(where=[place]))
+    assert _shows(step) == says

@@ -108,12 +108,16 @@ def _is_comment(line: str) -> bool:
 def _titled(lines: list[str], rows: list[str]) -> list[str]:
     """The rows below the comment that is their header, and one of units where that follows it; the rows alone where none is.
 
-    A comment that is no header may stand below the one that is: the last that fits counts. A line that is drawn holds no names.
+    A comment that is no header may stand below the one that is: the last that fits counts. A line that is drawn holds no names. A sign
+    in a cell of its own is a name, of a column in percent or of numbers; before a tab, where there are as many columns.
     """
-    comments = takewhile(_is_comment, lines)
-    above = [line.lstrip("".join(_COMMENTS) + " \t") for line in comments if any(map(str.isalnum, line))]
-    places = range(len(above), 0, -1)
-    return next((both for end in places if _headers(both := [*above[max(end - 2, 0) : end], *rows])), rows)
+    comments = [line.strip() for line in takewhile(_is_comment, lines) if any(map(str.isalnum, line))]
+    for named in (r"[#%] *[,;|]", r"[#%] *[,;|\t]"):
+        above = [line if re.match(named, line) else line.lstrip("".join(_COMMENTS) + " \t") for line in comments]
+        for end in range(len(above), 0, -1):
+            if _headers(both := [*above[max(end - 2, 0) : end], *rows]):
+                return both
+    return rows
 
 
 def _read_thousands(path: Path, frame: pd.DataFrame) -> None:

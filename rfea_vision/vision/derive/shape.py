@@ -296,9 +296,11 @@ def _length_check(data: Derived, scene: Scene, *, of_body: bool) -> dict[str, An
     """The inextensible side must keep its length over all postures; a body that was followed may have none."""
     hinge, bend = data["hinge_length"][1], data["bend_angle"][1]
     spread = float(np.ptp(np.quantile(hinge, [0.02, 0.98])))
-    slope = float(np.polyfit(bend, hinge, 1)[0] * np.ptp(bend)) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
-    change = 100 * slope / float(np.median(hinge))
-    off = 100 * (float(np.median(hinge)) / scene.length_mm - 1)
+    slope = float(np.polyfit(bend, hinge, 1)[0]) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
+    change = 100 * slope * float(np.ptp(bend)) / float(np.median(hinge))
+    # The length that is given is that at rest: of a body that stretches with the bend, that of its straightest posture.
+    rest = float(np.median(hinge)) - (slope * float(np.median(bend) - bend[np.argmin(np.abs(bend))]) if of_body else 0.0)
+    off = 100 * (rest / scene.length_mm - 1)
     said = f"the inextensible side keeps its length within {abs(change):.2g} % over all postures"
     if abs(change) > 1.0:
         said = f"the inextensible side changes by {change:+.1f} % with the bend"
