@@ -300,9 +300,9 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     run.seconds = source.times_s()
     experiment = run.experiment
     if experiment.camera is not None:
-        wrong, odd = pointing.of_camera(experiment.camera, source.size, experiment.actuator, experiment.rig.gravity_deg)
-        for key, text in wrong:
-            run.refuse(key, text)
+        film, gravity_deg = pointing.Film(source.size, len(run.seconds)), experiment.rig.gravity_deg
+        wrong, odd = pointing.of_camera(experiment.camera, film, experiment.actuator, gravity_deg)
+        run.problems += [FileProblem(run.file, text, key, experiment=run.name) for key, text in wrong]
         for key, text in odd:
             run.warn(key, text)
     if len(run.seconds):

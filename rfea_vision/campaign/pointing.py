@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,20 +20,79 @@ _UPWARDS = 0.5
 #: Times as wide as the tube is, or as long, by the scale, and as narrow: chosen, a diameter given as a radius is twice as wide, and a
 #: tube that bends is shorter from clamp to tip.
 _OTHER_SIZE = 1.5
+#: Of a film's frames: chosen, key points that are doubted in some frames are left out there.
+ENOUGH = 0.5
+#: Of a mask: the tube is less of the picture than what is around it.
+MOST = 0.5
+#: Widths of the clamp, chosen: so near to it the first of the key points is.
+NEAR = 3.0
+
+
+class Film(NamedTuple):
+    """The size of a film's pictures in px, and how many there are."""
+
+    size: tuple[int, int]
+    frames: int
 
 
 def of_camera(
-    camera: CameraSpec, size: tuple[int, int], tube: Actuator, gravity_deg: float | None
+    camera: CameraSpec, film: Film, tube: Actuator, gravity_deg: float | None
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """What is wrong, and what is odd, of what was pointed at in pictures of a `size` in px: keys, and why."""
-    wrong, odd = outside(camera, size), of_hints(camera.hints, gravity_deg)
+    """What is wrong, and what is odd, of what was pointed at in a film, or found there by another program: keys, and why."""
+    wrong, odd = outside(camera, film.size), of_hints(camera.hints, gravity_deg)
     if camera.scale is not None and not wrong:
         try:
-            odd += of_size(camera.hints, calibrated_by_scale(camera, size, 1e3 * tube.length), tube)
+            odd += of_size(camera.hints, calibrated_by_scale(camera, film.size, 1e3 * tube.length), tube)
         except InputError as error:
             key, _, text = str(error).removeprefix("camera.").partition(": ")
             wrong.append((key, text))
+    try:
+        odd += of_guide(camera.hints, film)
+    except InputError as error:
+        wrong.append(("masks" if camera.hints.keypoints is None else "keypoints", str(error)))
     return [(f"camera.{key}", text) for key, text in wrong], [(f"camera.{key}", text) for key, text in odd]
+
+
+def of_guide(hints: Hints, film: Film) -> list[tuple[str, str]]:
+    """Doubt masks or key points that are not those of a film: the key under `camera`, and why.
+
+    Raises
+    ------
+    InputError
+        If they cannot be read.
+    """
+    from rfea_vision.readers.pictures import numbered_pictures, read_grey
+    from rfea_vision.vision.body.guide import PICTURES, guide_of
+
+    given = hints.masks if hints.keypoints is None else hints.keypoints
+    if given is None:
+        return []
+    key = "masks" if hints.keypoints is None else "keypoints"
+    if hints.clamp is None or hints.tip is None:
+        return [(key, "acts where camera.clamp and camera.tip are given, too; give both, in pixels of the first frame")]
+    clamp = np.array(hints.clamp, dtype=float)
+    found = list[str]()
+    if (guide := guide_of(hints, clamp)) is None:
+        return []
+    if key == "masks":
+        files = numbered_pictures(given, PICTURES)
+        count, picture = len(files), read_grey(files[0])
+        if picture is not None and picture.shape[::-1] != film.size:
+            sizes = f"{files[0].name} has {picture.shape[1]} x {picture.shape[0]} px, and the film {film.size[0]} x {film.size[1]}"
+            found.append(f"{sizes}; write masks of the film's size")
+        if picture is not None and np.mean(picture > picture.max() / 2) > MOST:
+            found.append(f"most of {files[0].name} is light, and the tube is what is light in a mask; are they the other way round?")
+    else:
+        count = sum(guide(frame) is not None for frame in range(film.frames))
+    if count != film.frames and (count < ENOUGH * film.frames or key == "masks"):
+        remedy = "; they are taken in order, one for each frame, so write an empty one where there is none" if key == "masks" else ""
+        found.append(f"{given.name} holds {count} of the film's {film.frames} frames{remedy}")
+    line, wide = guide(0), float(along(clamp)[-1])
+    off = np.inf if line is None else float(np.linalg.norm(line - clamp.mean(axis=0), axis=1).min())
+    if not found and off > NEAR * wide:
+        where = "says nothing of the first frame" if line is None else f"lies {off:.0f} px from camera.clamp in the first frame"
+        found.append(f"{given.name} {where}; is it that of this film, in its pixels (x, y)?")
+    return [(key, text) for text in found]
 
 
 def of_hints(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:

@@ -9,11 +9,11 @@ import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.pointing import of_camera
+from rfea_vision.campaign.pointing import Film, of_camera, of_guide
 from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.campaign.specs import CameraSpec
 
-SIZE = (480, 640)
+FILM = Film((480, 640), 4)
 TUBE = Actuator(outer_radius=0.0045, inner_radius=0.002, length=0.12)
 RULER = [[20, 600], [320, 600]]  # 3 px per mm
 HINTS = Hints(clamp=((226.5, 90.0), (253.5, 90.0)), tip=(240.0, 440.0))
@@ -23,7 +23,7 @@ SHEET = [["0 mm", "0 mm"], ["100 mm", "0 mm"], ["100 mm", "170 mm"], ["0 mm", "1
 
 def told(hints: Hints = HINTS, **scale: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     given = ScalePart.model_validate({"points": RULER, "distance": "100 mm"} | scale)
-    return of_camera(CameraSpec(scale=given, hints=hints), SIZE, TUBE, 0.0)
+    return of_camera(CameraSpec(scale=given, hints=hints), FILM, TUBE, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,55 @@ def test_each_is_one_sentence_in_the_check_of_a_campaign(tmp_path, camera, says)
     )
     errors = [str(problem) for problem in check_campaign(tmp_path).problems if problem.severity == "error"]
     assert len(errors) == 1 and says in errors[0], errors
+
+
+LINE = np.column_stack([np.full(9, 240.0), np.linspace(95.0, 440.0, 9)])
+
+
+def masks_in(folder, count: int, shape: tuple[int, int], turned: int = 0) -> None:
+    folder.mkdir()
+    for k in range(count):
+        mask = np.zeros(shape, np.uint8)
+        mask[round(90 * shape[0] / 640) : round(440 * shape[0] / 640), round(226 * shape[1] / 480) : round(254 * shape[1] / 480)] = 255
+        cv2.imwrite(str(folder / f"{k:03d}.png"), mask ^ turned)
+
+
+@pytest.mark.parametrize(
+    ("count", "shape", "turned", "says"),
+    [
+        (4, (640, 480), 0, ""),
+        (4, (640, 480), 255, "most of 000.png is light"),
+        (3, (640, 480), 0, "masks holds 3 of the film's 4 frames; they are taken in order"),
+        (4, (320, 240), 0, "000.png has 240 x 320 px, and the film 480 x 640"),
+    ],
+)
+def test_masks_that_are_not_those_of_the_film_are_doubted(tmp_path, count, shape, turned, says):
+    """They were taken as they came, and helped as little as none, in silence."""
+    masks_in(tmp_path / "masks", count, shape, turned)
+    said = of_guide(replace(HINTS, masks=tmp_path / "masks"), FILM)
+    assert len(said) == bool(says) and all(key == "masks" and says in text for key, text in said), said
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        (np.stack([LINE] * 4), ""),
+        (np.stack([LINE] * 4) / [480, 640], "lies 2"),
+        (np.stack([LINE[:, ::-1]] * 4), "px from camera.clamp in the first frame"),
+        (np.stack([LINE]), "track.npy holds 1 of the film's 4 frames"),
+        (np.full((4, 9, 2), np.nan), "holds 0 of the film's 4"),
+    ],
+)
+def test_key_points_that_are_not_those_of_the_film_are_doubted(tmp_path, points, says):
+    np.save(tmp_path / "track.npy", points)
+    said = of_guide(replace(HINTS, keypoints=tmp_path / "track.npy"), FILM)
+    assert len(said) == bool(says) and all(key == "keypoints" and says in text for key, text in said), said
+
+
+def test_a_guide_that_cannot_act_or_be_read_is_told(tmp_path):
+    np.save(tmp_path / "track.npy", np.zeros((4, 2, 2)))
+    hints = replace(HINTS, keypoints=tmp_path / "track.npy")
+    ((key, text),) = of_guide(replace(hints, tip=None), FILM)
+    assert key == "keypoints" and text.startswith("acts where camera.clamp and camera.tip are given")
+    ((key, text),), _ = told(hints)
+    assert key == "camera.keypoints" and "not (frame, point of 3 or more, xy)" in text
