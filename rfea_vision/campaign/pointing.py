@@ -96,7 +96,26 @@ def of_guide(hints: Hints, film: Film) -> list[tuple[str, str]]:
 
 
 def of_hints(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
-    """Doubt hints of clamp and tip where the tube hangs and the tip is pointed at above: the key under `camera`, and why."""
+    """Doubt hints that contradict one another, or the rig: the key under `camera`, and why."""
+    return _forbidden(hints) + _upside_down(hints, gravity_deg)
+
+
+def _forbidden(hints: Hints) -> list[tuple[str, str]]:
+    """What was pointed at where `region` or `exclude` say that the tube never is."""
+    boxes = [("exclude", box) for box in hints.exclude] + ([] if hints.region is None else [("region", hints.region)])
+    ends = [("camera.clamp", point) for point in hints.clamp or ()] + ([] if hints.tip is None else [("camera.tip", hints.tip)])
+    found = dict[str, str]()
+    for key, (left, top, width, height) in boxes:
+        for name, (x, y) in ends:
+            within = left <= x <= left + width and top <= y <= top + height
+            if within == (key == "exclude"):
+                where = f"{'within' if within else 'outside'} the box {[left, top, width, height]}"
+                found[key] = f"{name} lies {where}; it is x, y, width and height"
+    return list(found.items())
+
+
+def _upside_down(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
+    """Clamp and tip of a tube that hangs, of which the tip was pointed at above."""
     if hints.clamp is None or hints.tip is None or gravity_deg != 0.0:
         return []
     way = np.asarray(hints.tip, dtype=float) - np.mean(hints.clamp, axis=0)

@@ -68,6 +68,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     """
     if gone := _left_picture(reasons):  # no hint shows what is not in it
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
+    if reasons and "camera.region or camera.exclude" in reasons[_first_lost(reasons)]:
+        return "the tube goes where camera.region or camera.exclude forbid it: make the region larger, or the boxes smaller"
     if moved := base_moved(source, scene, reasons):
         return moved
     commonest = Counter(filter(None, reasons)).most_common(1)

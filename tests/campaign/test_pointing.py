@@ -9,7 +9,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.pointing import Film, of_camera, of_guide
+from rfea_vision.campaign.pointing import Film, of_camera, of_guide, of_hints
 from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.campaign.specs import CameraSpec
 
@@ -39,6 +39,19 @@ def told(hints: Hints = HINTS, **scale: Any) -> tuple[list[tuple[str, str]], lis
 def test_what_cannot_be_in_the_picture_is_refused(hints, scale, key, says):
     (problem,), _ = told(replace(HINTS, **hints), **scale)
     assert problem[0] == key and says in problem[1]
+
+
+@pytest.mark.parametrize(
+    ("hints", "said"),
+    [
+        ({"region": (200.0, 60.0, 100.0, 400.0), "exclude": ((0.0, 0.0, 100.0, 640.0),)}, {}),
+        ({"region": (200.0, 60.0, 100.0, 300.0)}, {"region": "camera.tip lies outside the box [200.0, 60.0, 100.0, 300.0]"}),
+        ({"exclude": ((200.0, 60.0, 50.0, 50.0),)}, {"exclude": "camera.clamp lies within"}),
+    ],
+)
+def test_a_clamp_or_a_tip_where_the_tube_may_not_be_is_doubted(hints, said):
+    found = dict(of_hints(replace(HINTS, **hints), 0.0))
+    assert found.keys() == said.keys() and all(text in found[key] for key, text in said.items())
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,8 @@ def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(m
     assert advice.next_hint(NO_FILM, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
     assert advice.next_hint(NO_FILM, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
     said = advice.next_hint(NO_FILM, scene, [""] * 5 + lost)
+    forbidden = ["off_hints: 20 % of it lies where camera.region or camera.exclude forbid it"] * 3 + lost
+    assert advice.next_hint(NO_FILM, scene, [""] * 5 + forbidden).endswith("make the region larger, or the boxes smaller")
     assert said == "see what changes in frame 5, the first that was refused (no_fit: folded), and check the hints against frame 0"
     assert advice.next_hint(NO_FILM, scene, lost).startswith("check the hints")
 
