@@ -30,6 +30,7 @@ from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, allo
 from rfea_vision.vision.find.locate import Path, find_paths
 from rfea_vision.vision.find.moving import Motion, moving_lines
 from rfea_vision.vision.follow.follower import Follower
+from rfea_vision.vision.light import levelled
 
 TRIED = 60  # frames: two seconds of a phone's film
 PHONE_HZ, MOST_LOOKED = 30.0, 240  # hints are tried at this rate, on so many frames: eight seconds, and as many to wait
@@ -306,7 +307,7 @@ def _step(source: FrameSource) -> int:
 def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
     """Follow the body with these hints in `count` frames, each `step`-th."""
     follower, tips = BodyFollower(scene, scale_for(scene, source.size)), []
-    with closing(source.colours(follower.scale)) as pictures:
+    with closing(levelled(source.colours(follower.scale))) as pictures:
         for time_s, picture in islice(pictures, 0, step * count, step):
             if not follower.next(picture, time_s):
                 tips.append(follower.body.points[-1].copy())

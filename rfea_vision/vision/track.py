@@ -34,6 +34,7 @@ from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.derive.shutter import Shutter
 from rfea_vision.vision.find.begin import Scene, scale_at
 from rfea_vision.vision.follow.follower import Follower
+from rfea_vision.vision.light import levelled
 
 Progress = Callable[[int, int], None] | None
 
@@ -231,7 +232,7 @@ def follow_body(
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     while True:
         follower, seen = BodyFollower(scene, scale, walls, held=held), Rows(rows.nodes, rows.segments)
-        for done in _added(seen, follower, source, source.colours(scale), small, progress):
+        for done in _added(seen, follower, source, levelled(source.colours(scale)), small, progress):
             late = too_late(done, seen.good, seen.copies, total, lost=follower.missed)
             if follower.learned or follower.hopeless() or late:
                 break
