@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints
+from rfea_vision.campaign.scaling import calibrated_by_scale, pointed_line
 from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.campaign.specs import CameraSpec
 from rfea_vision.errors import InputError
 from rfea_vision.lines import along
-
-if TYPE_CHECKING:
-    from rfea_vision.arrays import FloatArray
 
 #: Of the way from clamp to tip, by which the tip lies above where gravity points down: a tube that hangs and bends by 90 deg has none.
 _UPWARDS = 0.5
@@ -130,26 +128,6 @@ def _upside_down(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str
     ]
 
 
-def calibrated_by_scale(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
-    """Calibration by `camera.scale` of pictures of a `size` in px, in which the tube is `length_mm` long.
-
-    Raises
-    ------
-    InputError
-        If its points do not tell a scale.
-    """
-    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
-
-    scale = camera.scale
-    if isinstance(scale, ScalePart):
-        error_mm = None if scale.error is None else 1e3 * scale.error
-        if scale.distance is not None:
-            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm)
-        places_mm = [(1e3 * x, 1e3 * y) for x, y in scale.places or ()]
-        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm)
-    return scaled_by_distance(size, _line(camera.hints), length_mm, error_mm=TUBE_SPREAD * length_mm)
-
-
 def outside(camera: CameraSpec, size: tuple[int, int]) -> list[tuple[str, str]]:
     """What was pointed at outside of pictures of a `size` in px: the key under `camera`, and why."""
     hints, scale = camera.hints, camera.scale
@@ -180,14 +158,8 @@ def of_size(hints: Hints, calibration: Calibration, tube: Actuator) -> list[tupl
             text = f"its two points are {wide_mm:.3g} mm apart by camera.scale, and the tube is {tube_mm:.3g} mm wide by {key}"
             found.append(("clamp", f"{text}; are they the two edges of the tube, and is no diameter given as a radius?"))
     if hints.clamp is not None and hints.tip is not None:
-        long_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, _line(hints)))[-1]), 1e3 * tube.length
+        long_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, pointed_line(hints)))[-1]), 1e3 * tube.length
         if long_mm > _OTHER_SIZE * tube_mm or (len(hints.centre_line) > 1 and long_mm < tube_mm / _OTHER_SIZE):
             text = f"by it the way from camera.clamp to camera.tip is {long_mm:.3g} mm, and actuator.length {tube_mm:.3g} mm"
             found.append(("scale", f"{text}; correct the one that is wrong"))
     return found
-
-
-def _line(hints: Hints) -> FloatArray:
-    """Points (n, 2) px from the clamp's middle to the tip."""
-    return np.array([np.mean(np.array(hints.clamp), axis=0), *hints.centre_line, hints.tip], dtype=float)
-

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
-from rfea_vision.campaign.pointing import calibrated_by_scale
+from rfea_vision.campaign.scaling import calibrated_by_scale
 from rfea_vision.errors import InputError
 from rfea_vision.progress import Progress
 from rfea_vision.readers.source import open_source

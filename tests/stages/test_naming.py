@@ -146,7 +146,7 @@ def test_a_climb_takes_no_rung_of_a_ladder_that_begins_with_another_model(work, 
 def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
     campaign = write_campaign(tmp_path / "c", {"tube-A": "train"})
     work = Workspace(load_campaign(campaign))
-    monkeypatch.setattr(cameras, "calibrate", lambda work, camera, path, subject: subject)
+    monkeypatch.setattr(cameras, "calibrate", lambda work, camera, path, subject, **_: subject)
     run = replace(work.campaign.experiments[0], name=work.campaign.name)
     own, shared = (replace(run, camera=CameraSpec(vertical=vertical)) for vertical in ("rest", "board"))
     work.campaign = replace(work.campaign, camera=shared.camera)
