@@ -318,7 +318,7 @@ class BodyFollower:
         covariance: FloatArray | None = None,
     ) -> Fit:  # fmt: skip
         half = float(middle(predicted.half))
-        evidence = Evidence(lab, self.wall, self.foot, self.first.half, None)
+        evidence = Evidence(lab, self.wall, self.foot, self.first.half, None, lost=self.missed > 0)
         if skin:
             marks = marks_in(lab, self.marks, predicted, self.wall)
             evidence = replace(evidence, skin=self.skin, edge_offsets=self.edge_offsets, end_offsets=self.end_offsets, marks=marks)
