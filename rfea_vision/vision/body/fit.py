@@ -285,7 +285,7 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
     last, near = body.last, slice(body.last - 2, body.last + 1)
     inside, outside = body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1))
     half, tangent = body.half[last - 3 : last + 1].mean(), frame_of(body.points)[0][last]
-    return measure_end(wall.behind(picture), body.points[last], tangent, half, inside, outside, reach)
+    return measure_end(wall.behind(picture), body.points[last], tangent, half, inside, outside, body.beyond, reach)
 
 
 def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:

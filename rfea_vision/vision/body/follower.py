@@ -43,7 +43,7 @@ from rfea_vision.vision.body.fit import (
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.known import POINTED_PX, TURNED, as_state, fill_numbers
+from rfea_vision.vision.body.known import POINTED_PX, TURNED, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     SHARES,
@@ -55,6 +55,7 @@ from rfea_vision.vision.body.model import (
     follow_colours,
     frame_of,
     lab_of,
+    learn_beyond,
     learn_colours,
     left_behind,
     middle,
@@ -247,6 +248,7 @@ class BodyFollower:
         aside = doubt + TURNED * np.clip(self.body.untold - (1.0 - SHARES) * self.body.length, 0.0, None)
         self.body.points = as_pointed(self.body.points, self.line, half, clicked, aside, doubt if clear else END_NEAR * half)
         learn_colours(lab, self.body)
+        learn_beyond(lab, self.body)
         offsets = self._end_seen(lab, half)
         self.walls = self.walls | ~told_from_wall(self.body)
         self.body.told = ~self.walls
@@ -302,7 +304,10 @@ class BodyFollower:
         if self.body.untold:
             return
         if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
-            self.end_offsets, self.skin = seen - np.median(seen), (*self.skin[:2], TRUSTED)
+            # It was pointed at beside its end, or its line has slipped since: as either is likely.
+            pointed = (self.pointed_px * self.scale) ** 2
+            kept = pointed / (pointed + end_variance(self.covariance, self.lengths[1] - self.lengths[0]))
+            self.end_offsets, self.skin = seen - (1.0 - kept) * np.median(seen), (*self.skin[:2], TRUSTED)
 
     def _spread(self, unknown: float = 0.0) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen; `unknown` is a share of its length."""

@@ -36,6 +36,11 @@ def as_state(camera: FloatArray, body: SeenBody, work: fitted.Buffers) -> fitted
     return fitted.State(fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4))
 
 
+def end_variance(covariance: FloatArray, ranged: float) -> float:
+    """Of the end along the body, px^2, by the `covariance` (25, 25) of a fit and the lengths that it `ranged` over, px."""
+    return float(ALONG_BASIS[-1] @ covariance[ALONG, ALONG] @ ALONG_BASIS[-1]) + (LAGS * ranged) ** 2
+
+
 def fill_numbers(
     work: fitted.Buffers,
     state: fitted.State,
@@ -82,5 +87,5 @@ def fill_numbers(
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     aside = _TO_LINE @ (turned * SHARES * fit.body.length)
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
-    along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]) + (LAGS * ranged) ** 2
-    numbers["tip_variance"] = (along + slipped + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2
+    along = end_variance(fit.covariance, ranged) + slipped + (TURNED * fit.body.untold) ** 2
+    numbers["tip_variance"] = along * mm2 + floor + (pointed * scale) ** 2 * mm2

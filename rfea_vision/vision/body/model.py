@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
-from rfea_vision.scatter import NORMAL
+from rfea_vision.scatter import NORMAL, scatter
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix
 
@@ -19,6 +19,10 @@ Picture = NDArray[np.uint8]
 STATIONS = 65
 ACROSS_TEXTURE = np.linspace(-1.05, 1.05, 13)
 ACROSS_INSIDE = np.linspace(-0.7, 0.7, 7)
+BEYOND_END = np.linspace(0.4, 1.2, 5)  # half widths: nearer to its end it is blurred into what is there
+# Chosen, of what is read there: so much is of neither the body's colour nor that of what is around it, where a hose or a lamp begins.
+FIXED_SHARE = 0.15
+NOWHERE = 1e6  # in each channel: a colour that nothing has
 ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
 LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
 AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
@@ -50,7 +54,8 @@ class SeenBody:
     """Stations are points of the material: `points` (S, 2) px on the centre line from clamp to tip, `half` (S,) px.
 
     `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours. `told` (S,) says where it can be told
-    from the wall: elsewhere edges, skin and flow are those of the wall, and do not count.
+    from the wall: elsewhere edges, skin and flow are those of the wall, and do not count. `beyond` (2, 3) is the colour of what is
+    fixed to its end, a hose or a ball, where it is neither its own nor the wall's.
     """
 
     points: FloatArray
@@ -58,10 +63,11 @@ class SeenBody:
     inside: FloatArray
     outside: FloatArray
     told: NDArray[np.bool_] = field(default_factory=lambda: np.ones(STATIONS, dtype=bool))
+    beyond: FloatArray = field(default_factory=lambda: np.stack([np.full(3, NOWHERE), np.ones(3)]))
 
     def copy(self) -> SeenBody:
         """One that shares no array with this."""
-        return SeenBody(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy(), self.told)
+        return SeenBody(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy(), self.told, self.beyond)
 
     @property
     def length(self) -> float:
@@ -106,6 +112,26 @@ def learn_colours(picture: Picture, body: SeenBody) -> None:
     body.inside[:] = _colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE)
     for side, sign in ((0, 1.0), (1, -1.0)):
         body.outside[:, side] = _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE)
+
+
+def learn_beyond(picture: Picture, body: SeenBody) -> None:
+    """Read the colour of what is fixed to the end of a body, where it is neither the body's there nor that of what is around it."""
+    near, half = slice(body.last - 2, body.last + 1), float(body.half[body.last - 3 : body.last + 1].mean())
+    tangent, normal = (part[body.last] for part in frame_of(body.points))
+    places = body.points[body.last] + (BEYOND_END * half)[:, None] * tangent
+    normals, halves = np.tile(normal, (len(places), 1)), np.full(len(places), half)
+    colours = read_strip(picture, places, normals, halves, ACROSS_INSIDE).reshape(-1, 3)
+    known = np.vstack([body.inside[near, 0].mean(axis=0)[None], body.outside[near, :, 0].mean(axis=0)])
+    strange = colours[_apart(colours, known) > 3.0 * CLEAR**2]
+    if len(strange) > FIXED_SHARE * len(colours):
+        colour = np.median(strange, axis=0)
+        if _apart(colour[None], known)[0] > 3.0 * CLEAR**2:  # shades of the body's own colour are not
+            body.beyond = np.stack([colour, scatter(strange) ** 2 + LEAST_VARIANCE])
+
+
+def _apart(colours: FloatArray, known: FloatArray) -> FloatArray:
+    """How far (n,) colours (n, 3) are from the nearest of those (m, 3) that are known, in variances of noise, over three channels."""
+    return np.asarray(np.min(np.sum((colours[:, None] - known) ** 2 / LEAST_VARIANCE, axis=2), axis=1))
 
 
 def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rfea_vision.vision.compiled import compiled, lean
 
 CLIP = 4.0  # of the evidence of one pixel
+STOPS = 25.0  # evidence against a colour, at which it stops to count: what is of neither colour says little
 SEEN = 3  # times that the wall must have been seen at a pixel
 WALL_SCATTER = 5.0  # grey levels: noise and compression of a still wall
 SHADOW = 12.0  # likewise, where it is darker than it was: the body throws shadows,
@@ -63,6 +64,15 @@ def _spread_of(colours):
 
 
 @lean
+def _unlike(colour, known, spread):
+    """Evidence against a colour of known mean and variance (2, 3), `spread` being what the variances add."""
+    for c in range(3):
+        off = colour[c] - known[0, c]
+        spread += 0.5 * off * off / known[1, c]
+    return spread
+
+
+@lean
 def _evidence(seen, x, y, inside, outside, body, behind, colour):
     """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3).
 
@@ -93,11 +103,9 @@ def _evidence(seen, x, y, inside, outside, body, behind, colour):
                 lit += 0.5 * off * off * IN_LIGHT
             behind = min(behind, lit)
     else:
-        for c in range(3):
-            off = colour[c] - outside[0, c]
-            behind += 0.5 * off * off / outside[1, c]
+        behind = _unlike(colour, outside, behind)
     # Something of neither colour (glare, tape, a hand) says little.
-    return min(max(min(behind, 25.0) - min(body, 25.0), -CLIP), CLIP)
+    return min(max(min(behind, STOPS) - min(body, STOPS), -CLIP), CLIP)
 
 
 @lean
@@ -150,12 +158,15 @@ def measure_edges(seen, points, normals, half, inside, outside, reach):
 
 
 @compiled
-def measure_end(seen, tip, tangent, half, inside, outside, reach):
-    """Along rays through the end: (RAYS,) how far beyond `tip` the body ends, NaN where that is not seen."""
+def measure_end(seen, tip, tangent, half, inside, outside, beyond, reach):
+    """Along rays through the end: (RAYS,) how far beyond `tip` the body ends, NaN where that is not seen.
+
+    What is there is the wall, or of the colour `beyond` (2, 3) of what is fixed to it.
+    """
     colour, evidence, out = np.empty(3), np.empty(256), np.empty(RAYS)
     first = -min(reach, 3.0 * half) - half
     count = min(int(2.0 * min(reach, 3.0 * half) + half) + 1, 256)
-    body, behind = _spread_of(inside), _spread_of(outside)
+    body, behind, fixed = _spread_of(inside), _spread_of(outside), _spread_of(beyond)
     for r in range(RAYS):
         v = RAY_REACH * half * (2.0 * r / (RAYS - 1) - 1.0)
         for k in range(count):
@@ -163,6 +174,8 @@ def measure_end(seen, tip, tangent, half, inside, outside, reach):
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
             evidence[k] = _evidence(seen, x, y, inside, outside, body, behind, colour)
+            thing = min(_unlike(colour, beyond, fixed), STOPS) - min(_unlike(colour, inside, body), STOPS)
+            evidence[k] = min(evidence[k], max(thing, -CLIP))
         at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
         out[r] = first + at if quality > LEAST_EVIDENCE else np.nan
     return out
