@@ -212,6 +212,27 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
 
 
 @pytest.mark.parametrize(
+    ("left", "out", "says"),
+    [
+        (1.0, 0.1, ""),
+        (0.45, 0.3, ""),
+        (0.45, 0.1, "no_tube: 10 % of what is there stands out from what is around it"),
+        (0.2, 0.3, "edge_lost: 20 % of the left edge and 9 % of the right one are seen"),
+    ],
+)
+def test_what_a_frame_shows_is_more_than_chance_however_little_the_first_one_did(left, out, says):
+    """Beside a body a fifth of an edge and a sixth of the contrast are found by chance; a thin arm had hardly more at first."""
+    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
+    body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
+    first = First(180.0, body.half, (200, 160), 100.0, 1.8, None, as_first(body))
+    first.fit.seen = np.column_stack([SHARES < 0.3, SHARES < 0.3])
+    first.fit.standing_out = np.full(5, 0.25)
+    seen = np.column_stack([left > SHARES, SHARES < 0.08])
+    fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), (), standing_out=np.full(5, out))
+    assert refused(first, fit) == says
+
+
+@pytest.mark.parametrize(
     ("first_share", "share", "says"),
     [(0.66, 0.6, ""), (0.66, 0.4, "40 %"), (1.0, 0.6, "60 %"), (None, 0.6, ""), (None, 0.4, "40 %")],
 )
