@@ -6,7 +6,7 @@ import pytest
 
 from rfea_vision.vision.body.model import SHARES
 
-from .test_gone import FOOT, HALF, drawn, follower_of, middle_of
+from .test_gone import FOOT, HALF, RUBBER, drawn, follower_of, middle_of
 
 HOSE = (70, 60, 210)
 
@@ -54,3 +54,15 @@ def test_an_end_that_curls_more_than_the_rest_is_not_held_to_one_side():
         off, out = follower.body.points[-1] - line[-1], line[-1] - line[-3]
         aside.append(float(out[0] * off[1] - out[1] * off[0]) / float(np.linalg.norm(out)))
     assert np.sqrt(np.mean(np.square(aside))) < 0.045 * HALF
+
+
+@pytest.mark.parametrize(("things", "share"), [(((0, 30, 60, 230), RUBBER), 1.0), (None, 0.25)])
+def test_an_end_that_is_not_measured_is_known_no_better_than_its_length_has_varied(things, share):
+    """A plate of the body's colour at its end: nothing measures how long it is, and all that its length has done may be drift."""
+    follower = follower_of(middle_of(0.0, 100.0))
+    for k in range(3):
+        follower.lengths = follower.lengths if k < 2 else (90.0, 110.0)
+        assert follower.next(drawn(middle_of(0.02 * k, 100.0), np.full(65, HALF), [things] if things else []), 0.05 * k) == ""
+    assert (follower.end_offsets is None) == (things is not None)
+    stderr_px = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm
+    assert share * 20.0 <= stderr_px < 1.3 * share * 20.0

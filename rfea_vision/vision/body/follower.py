@@ -43,7 +43,7 @@ from rfea_vision.vision.body.fit import (
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.known import POINTED_PX, TURNED, as_state, end_variance, fill_numbers
+from rfea_vision.vision.body.known import LAGS, POINTED_PX, TURNED, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     SHARES,
@@ -305,8 +305,8 @@ class BodyFollower:
             return
         if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
             # It was pointed at beside its end, or its line has slipped since: as either is likely.
-            pointed = (self.pointed_px * self.scale) ** 2
-            kept = pointed / (pointed + end_variance(self.covariance, self.lengths[1] - self.lengths[0]))
+            pointed, lags = (self.pointed_px * self.scale) ** 2, LAGS * (self.lengths[1] - self.lengths[0])
+            kept = pointed / (pointed + end_variance(self.covariance, lags))
             self.end_offsets, self.skin = seen - (1.0 - kept) * np.median(seen), (*self.skin[:2], TRUSTED)
 
     def _spread(self, unknown: float = 0.0) -> FloatArray:
@@ -388,12 +388,13 @@ class BodyFollower:
         variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
-        mistaken, ranged = float(middle(self.first.half)) - self.pointed_half(), self.lengths[1] - self.lengths[0]
+        # Where nothing measures how long it is, all by which its length has varied may be drift.
+        lags = (LAGS if self.end_offsets is not None else 1.0) * (self.lengths[1] - self.lengths[0])
         seen_from = self.seen_from.stderr
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.scale))
         fill_numbers(
-            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, pointed=pointed,
-            turned=float(seen_from[2]), slipped=slipped,
+            self.work, self.state, fit, self.px_per_mm, self.scale, lags=lags, pointed=pointed, slipped=slipped,
+            mistaken=float(middle(self.first.half)) - self.pointed_half(), turned=float(seen_from[2]),
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

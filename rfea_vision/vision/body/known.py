@@ -36,9 +36,9 @@ def as_state(camera: FloatArray, body: SeenBody, work: fitted.Buffers) -> fitted
     return fitted.State(fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4))
 
 
-def end_variance(covariance: FloatArray, ranged: float) -> float:
-    """Of the end along the body, px^2, by the `covariance` (25, 25) of a fit and the lengths that it `ranged` over, px."""
-    return float(ALONG_BASIS[-1] @ covariance[ALONG, ALONG] @ ALONG_BASIS[-1]) + (LAGS * ranged) ** 2
+def end_variance(covariance: FloatArray, lags: float) -> float:
+    """Of the end along the body, px^2, by the `covariance` (25, 25) of a fit and how far it may lag, px."""
+    return float(ALONG_BASIS[-1] @ covariance[ALONG, ALONG] @ ALONG_BASIS[-1]) + lags**2
 
 
 def fill_numbers(
@@ -49,7 +49,7 @@ def fill_numbers(
     scale: float,
     *,
     mistaken: float,
-    ranged: float,
+    lags: float,
     pointed: float,
     turned: float = 0.0,
     slipped: float = 0.0,
@@ -60,7 +60,7 @@ def fill_numbers(
     ----------
     px_per_mm, scale : of the picture that was fitted; and this over the film's own
     mistaken : px by which the first frame's half width differs from the one that was pointed at
-    ranged : px between the shortest and the longest that the body was
+    lags : px by which its end may lag behind, or have drifted
     pointed : px of the film, how well the clamp and the tip were pointed at
     turned : rad, how well it is known by how much what holds it has turned
     slipped : px^2, variance of the length of a body that was lost, and whose end was not seen since, beyond the last mark on it
@@ -87,5 +87,5 @@ def fill_numbers(
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     aside = _TO_LINE @ (turned * SHARES * fit.body.length)
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
-    along = end_variance(fit.covariance, ranged) + slipped + (TURNED * fit.body.untold) ** 2
+    along = end_variance(fit.covariance, lags) + slipped + (TURNED * fit.body.untold) ** 2
     numbers["tip_variance"] = along * mm2 + floor + (pointed * scale) ** 2 * mm2
