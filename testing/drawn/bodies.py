@@ -89,7 +89,7 @@ def _longer(rng: Rng) -> float:
 
 
 def _wider(rng: Rng) -> float:
-    return rng.uniform(0, 0.4) * rng.random()
+    return 0.4 * rng.random() ** 1.5
 
 
 def _end(rng: Rng) -> End:
@@ -113,7 +113,7 @@ def fibre_reinforced(rng: Rng) -> Body:
         rng.uniform(3.5, 8), rng.uniform(1.0, 1.8), thread, rng.uniform(0.35, 0.8), double=rng.random() < 0.7
     )
     return Body(
-        "fibre-reinforced tube", ("milky", "beige", "white", "black", "sky", "red"), (9, 20), (8, 24), 3.6, (*_texture(rng), wound),
+        "fibre-reinforced tube", ("milky", "beige", "white", "black", "sky", "red"), (9, 20), (5, 24), 3.6, (*_texture(rng), wound),
         bends=_uneven(rng), end=End("rounded", 0.5) if rng.random() < 0.4 else SQUARE, longer=rng.uniform(0, 0.12),
         wider=rng.uniform(0, 0.06), cap=_cap(rng, 0.4, 2.0),
     )  # fmt: skip
@@ -134,7 +134,7 @@ def pneunet(rng: Rng) -> Body:
     base_colour = pick(rng, ("white", "milky", "grey", "black", "blue"))
     base = skins.stripe(low, high, base_colour, rng.choice([0.0, 0.85]))
     return Body(
-        "PneuNet", CAST, (8, 16), (10, 28), 4.2, (*_texture(rng), skins.grooves(count, rng.uniform(0.1, 0.4), 0.1), base),
+        "PneuNet", CAST, (7, 16), (7, 28), 4.2, (*_texture(rng), skins.grooves(count, rng.uniform(0.1, 0.4), 0.1), base),
         left, right, _uneven(rng), End("rounded", 0.15) if rng.random() < 0.3 else SQUARE, rng.uniform(3, 6), bends_to=bends_to,
         gloss=rng.uniform(0.05, 0.3), longer=rng.uniform(0, 0.15), wider=rng.uniform(0, 0.15),
     )  # fmt: skip
@@ -147,7 +147,7 @@ def bellows(rng: Rng) -> Body:
         return 1 - depth * (0.5 - 0.5 * np.cos(2 * np.pi * count * x))
 
     return Body(
-        "bellows", (*PRINTED, "milky", "beige"), (7, 15), (10, 30), 2.4,
+        "bellows", (*PRINTED, "milky", "beige"), (6, 15), (6, 30), 2.4,
         (*_texture(rng), skins.grooves(count, rng.uniform(0, 0.25), 0.25)), folds, folds, _uneven(rng),
         gloss=rng.uniform(0.1, 0.4), longer=rng.uniform(0, 0.25), both_ways=rng.random() < 0.4,
     )  # fmt: skip
@@ -159,7 +159,7 @@ def disc_arm(rng: Rng) -> Body:
     colour = pick(rng, ("steel", "white", "black", "grey", "brown"))
     tendons = tuple(rng.uniform(0.55, 0.8) * np.array([-1, 1])) if rng.random() < 0.8 else (-0.75, 0.15, 0.75)
     return Body(
-        "tendon-driven arm of discs", PRINTED, (12, 24), (9, 20), 3.2,
+        "tendon-driven arm of discs", PRINTED, (12, 24), (8, 20), 3.2,
         (skins.mottle(0.03, 4), skins.discs(count, thick, spine, colour, tendons)), bends=_uneven(rng), flatness=5.0, both_ways=True,
         gloss=rng.uniform(0, 0.15), opacity=0.65,
     )  # fmt: skip
@@ -178,7 +178,7 @@ def catheter(rng: Rng) -> Body:
 def tapered(rng: Rng) -> Body:
     shape = _taper(rng.uniform(0.35, 0.7))
     return Body(
-        "tapered silicone arm", CAST, (9, 18), (12, 30), 4.6, _texture(rng), shape, shape, _uneven(rng),
+        "tapered silicone arm", CAST, (7, 18), (8, 30), 4.6, _texture(rng), shape, shape, _uneven(rng),
         End("rounded", rng.uniform(0.2, 0.45)),
         gloss=rng.uniform(0.1, 0.4), both_ways=rng.random() < 0.4, longer=rng.uniform(0, 0.1), cap=_cap(rng, 0.12, 1.2),
     )  # fmt: skip
@@ -188,20 +188,24 @@ def translucent(rng: Rng) -> Body:
     hose = pick(rng, ("white", "blue", "red", "black", "yellow", "steel"))
     inside = skins.lumen(rng.uniform(0.2, 0.5), hose, rng.uniform(0.3, 0.97), rng.uniform(0.45, 0.8))
     return Body(
-        "translucent silicone tube", ("milky", "white", "sky", "beige", "pink"), (7, 16), (10, 28), 3.2, (*_texture(rng), inside),
+        "translucent silicone tube", ("milky", "white", "sky", "beige", "pink"), (6, 16), (6, 28), 3.2, (*_texture(rng), inside),
         bends=_uneven(rng), end=_end(rng), gloss=rng.uniform(0.25, 0.5), power=45.0, opacity=0.75,
         longer=_longer(rng), wider=_wider(rng),
     )  # fmt: skip
 
 
-def strip(rng: Rng) -> Body:
-    edge_on = rng.random() < 0.5
-    layer = (skins.stripe(rng.uniform(-0.2, 0.3), 1.2, pick(rng, CAST), 0.8),) if edge_on and rng.random() < 0.5 else ()
-    kind, slender, wide = ("edge-on", (16, 30), (3.5, 7)) if edge_on else ("obliquely", (7, 14), (9, 22))
+def strip_edge_on(rng: Rng) -> Body:
+    layer = (skins.stripe(rng.uniform(-0.2, 0.3), 1.2, pick(rng, CAST), 0.8),) if rng.random() < 0.5 else ()
     return Body(
-        f"flat strip seen {kind}", CAST, slender, wide, 4.0, (*_texture(rng), *layer), bends=_uneven(rng), flatness=8.0, gloss=0.08,
-        end=SQUARE if edge_on else _end(rng),
-        both_ways=rng.random() < 0.5, attached=False,
+        "flat strip seen edge-on", CAST, (16, 32), (3.5, 7), 4.0, (*_texture(rng), *layer), bends=_uneven(rng), flatness=8.0,
+        gloss=0.08, both_ways=rng.random() < 0.5, attached=False,
+    )  # fmt: skip
+
+
+def strip_aslant(rng: Rng) -> Body:
+    return Body(
+        "flat strip seen obliquely", CAST, (7, 14), (7, 22), 4.0, _texture(rng), bends=_uneven(rng), flatness=8.0, gloss=0.08,
+        end=_end(rng), both_ways=rng.random() < 0.5, attached=False,
     )  # fmt: skip
 
 
@@ -217,7 +221,7 @@ def jointed(rng: Rng) -> Body:
         return 1 - depth * near(x, wide)
 
     return Body(
-        "jointed finger", (*PRINTED, "skin", "beige"), (7, 13), (11, 28), 2.0, _texture(rng), waist, waist,
+        "jointed finger", (*PRINTED, "skin", "beige"), (7, 13), (8, 28), 2.0, _texture(rng), waist, waist,
         bends=lambda x: 0.15 + near(x, wide * 1.8), end=End("rounded", rng.uniform(0.3, 1)), flatness=rng.uniform(1.5, 4), gloss=0.1,
         cap=_cap(rng, 0.12, 1.2),
     )  # fmt: skip
@@ -230,7 +234,7 @@ def origami(rng: Rng) -> Body:
         return 1 - depth * 2 * np.abs(x * count - np.round(x * count))
 
     return Body(
-        "origami tube", ("white", "milky", "yellow", "sky", "orange", "green", "brown"), (7, 14), (12, 30), 2.2,
+        "origami tube", ("white", "milky", "yellow", "sky", "orange", "green", "brown"), (6, 14), (8, 30), 2.2,
         (skins.mottle(0.03, 5), skins.facets(count, rng.uniform(0.1, 0.28))), fold, fold, bends=_uneven(rng), flatness=2.5, gloss=0.05,
         longer=rng.uniform(0, 0.25), both_ways=rng.random() < 0.5,
     )  # fmt: skip
@@ -242,7 +246,7 @@ def ringed(rng: Rng) -> Body:
     if rng.random() < 0.4:
         marks = skins.dots(int(rng.integers(4, 10)), rng.uniform(0.25, 0.45), colour)
     return Body(
-        "tube with printed marks", ("milky", "beige", "white", "sky", "pink", "yellow", "grey"), (8, 18), (9, 26), 3.6,
+        "tube with printed marks", ("milky", "beige", "white", "sky", "pink", "yellow", "grey"), (8, 18), (6, 26), 3.6,
         (*_texture(rng), marks), bends=_uneven(rng), end=_end(rng),
         gloss=rng.uniform(0.1, 0.4), longer=_longer(rng), wider=_wider(rng), cap=_cap(rng, 0.12, 1.2),
     )  # fmt: skip
@@ -250,21 +254,22 @@ def ringed(rng: Rng) -> Body:
 
 def finger(rng: Rng) -> Body:
     return Body(
-        "soft finger", CAST, (6, 13), (12, 30), 3.4, _texture(rng), bends=_uneven(rng), end=_end(rng), flatness=rng.uniform(1, 3),
+        "soft finger", CAST, (5, 13), (7, 30), 3.4, _texture(rng), bends=_uneven(rng), end=_end(rng), flatness=rng.uniform(1, 3),
         gloss=rng.uniform(0.1, 0.4), longer=_longer(rng), wider=_wider(rng), cap=_cap(rng, 0.12, 1.2),
     )  # fmt: skip
 
 
 def muscle(rng: Rng) -> Body:
     return Body(
-        "braided muscle", ("black", "grey", "white", "blue", "green"), (8, 18), (8, 20), 2.2,
+        "braided muscle", ("black", "grey", "white", "blue", "green"), (8, 18), (6, 20), 2.2,
         (skins.mottle(0.03, 4), skins.sheath()), bends=_uneven(rng), wider=rng.uniform(0, 0.3), gloss=0.1,
         cap=_cap(rng, 0.9, 1.5),
     )  # fmt: skip
 
 
 KINDS: dict[Callable[[Rng], Body], float] = {
-    fibre_reinforced: 1.2, pneunet: 1.3, bellows: 0.9, disc_arm: 0.9, catheter: 0.8, tapered: 1.1, translucent: 1.1, strip: 0.9,
+    fibre_reinforced: 1.2, pneunet: 1.3, bellows: 0.9, disc_arm: 0.9, catheter: 0.8, tapered: 1.1, translucent: 1.1,
+    strip_edge_on: 0.5, strip_aslant: 0.5,
     jointed: 0.7, origami: 0.7, ringed: 1.0, finger: 1.2, muscle: 0.4,
 }  # fmt: skip
 

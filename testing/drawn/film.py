@@ -17,7 +17,7 @@ from testing.drawn.rods import Rod, Window
 from testing.drawn.scene import MARGIN_PX, PIECES, Scene
 from testing.drawn.things import CLAMPS
 
-MOST_LOOKS = 6  # into which an exposure is divided
+MOST_LOOKS = 5  # into which an exposure is divided
 
 
 @dataclass(frozen=True)

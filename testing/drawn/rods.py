@@ -201,20 +201,23 @@ def _places(
     index = (row // FINE) * shape[1] + column // FINE
     seen = np.column_stack([column, row]).astype(np.float32)
     seen = (seen + 0.5) / FINE - 0.5 + corner.astype(np.float32)
-    world = through(np.linalg.inv(view), seen)
+    world = through(np.linalg.inv(view).astype(np.float32), seen)
+    there = _pieces(item)[segment]
+    from_middle = world - there[:, 0:2]
+    forward = from_middle[:, 0] * there[:, 2] + from_middle[:, 1] * there[:, 3]
+    lateral = from_middle[:, 1] * there[:, 2] - from_middle[:, 0] * there[:, 3]
+    forward /= np.maximum(1 - there[:, 4] * lateral, 0.2)
+    return index, there[:, 5] + forward, lateral, there[:, 6] + there[:, 4] * forward
+
+
+def _pieces(item: Rod) -> np.ndarray:
+    """Of each piece of a rod (n, 7): its middle (x, y), its direction (x, y), curvature (1/px), where along it lies, its heading."""
     step = np.diff(item.points, axis=0)
-    chord = np.hypot(*step.T)
-    ahead = step / chord[:, None]
-    turn = np.diff(item.heading) / chord
-    from_middle = world - ((item.points[:-1] + item.points[1:]) / 2)[segment]
-    ahead_there = ahead[segment]
-    forward = from_middle[:, 0] * ahead_there[:, 0] + from_middle[:, 1] * ahead_there[:, 1]
-    lateral = from_middle[:, 1] * ahead_there[:, 0] - from_middle[:, 0] * ahead_there[:, 1]
-    there = turn[segment]
-    forward = forward / np.maximum(1 - there * lateral, 0.2)
-    middle = ((item.along_px[:-1] + item.along_px[1:]) / 2)[segment]
-    heading = ((item.heading[:-1] + item.heading[1:]) / 2)[segment] + there * forward
-    return index, (middle + forward).astype(np.float32), lateral.astype(np.float32), heading.astype(np.float32)
+    chord = np.hypot(*step.T)[:, None]
+    middle, along, heading = ((a[1:] + a[:-1]) / 2 for a in (item.points, item.along_px, item.heading))
+    return np.column_stack([middle, step / chord, np.diff(item.heading)[:, None] / chord, along, heading]).astype(
+        np.float32
+    )
 
 
 def entries(item: Rod, along: np.ndarray) -> np.ndarray:

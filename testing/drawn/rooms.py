@@ -268,9 +268,9 @@ def painted(name: str, seed: int, h: int, w: int) -> np.ndarray:
 
 
 def _things(rng: Rng, picture: np.ndarray) -> None:
-    """What lies or hangs about near the edges: a ruler, a label, a square mark, a pen."""
+    """What lies or hangs about near the edges: a ruler, a label, a square mark, a pen, a rail, a cable."""
     h, w = picture.shape[:2]
-    for kind in rng.choice(["ruler", "label", "mark", "pen"], size=int(rng.integers(1, 3)), replace=False):
+    for kind in rng.choice(list(THINGS), size=int(rng.integers(1, 3)), replace=False):
         THINGS[str(kind)](rng, picture, h, w)
 
 
@@ -279,7 +279,7 @@ def _ruler(rng: Rng, picture: np.ndarray, h: int, w: int) -> None:
     upright = rng.random() < 0.5
     target = picture if not upright else picture.transpose(1, 0, 2)
     long, wide = target.shape[1], int(rng.uniform(22, 40))
-    at = int(target.shape[0] * rng.choice([0.02, 0.95]) - (wide if rng.random() < 0.1 else 0))
+    at = int((target.shape[0] - wide) * rng.choice([0.01, 0.99]))
     bar = _flat(
         target[at : at + wide].shape[0], long, _one_of(rng, ((0.7, 0.68, 0.6), (0.5, 0.5, 0.52), (0.7, 0.5, 0.1)))
     )
@@ -321,4 +321,21 @@ def _pen(rng: Rng, picture: np.ndarray, h: int, w: int) -> None:
     )
 
 
-THINGS = {"ruler": _ruler, "label": _label, "mark": _mark, "pen": _pen}
+def _rail(rng: Rng, picture: np.ndarray, h: int, w: int) -> None:
+    """A grooved profile of aluminium, as frames are built of."""
+    wide = rng.uniform(18, 36)
+    x = rng.choice([0.04, 0.12, 0.9]) * w
+    ends = np.array([[x, -20], [x + rng.normal(0, 0.02) * w, h + 20]])
+    for share, tone in ((1.0, 0.45), (0.8, 0.6), (0.3, 0.12), (0.16, 0.3)):
+        _strokes(picture, [ends], (tone, tone, tone * 1.03), wide * share, 1.0)
+
+
+def _cable(rng: Rng, picture: np.ndarray, h: int, w: int) -> None:
+    """A cable or hose that lies or hangs about along an edge."""
+    t = np.linspace(0, 1, 60)
+    x = (rng.choice([0.07, 0.93]) + 0.04 * np.sin(2 * np.pi * rng.uniform(0.5, 1.5) * t + rng.uniform(0, 6))) * w
+    colour = _one_of(rng, ((0.02, 0.02, 0.02), (0.5, 0.05, 0.04), (0.05, 0.15, 0.5), (0.7, 0.7, 0.66)))
+    _strokes(picture, [np.column_stack([x, t * (h + 40) - 20])], colour, rng.uniform(4, 9), 0.95)
+
+
+THINGS = {"rail": _rail, "cable": _cable, "ruler": _ruler, "label": _label, "mark": _mark, "pen": _pen}

@@ -19,6 +19,8 @@ Rng = np.random.Generator
 PIECES = 256  # of a body's middle line
 BEFORE, BEYOND = 1.6, 1.3  # half widths by which a line runs on within the clamp and beyond the end
 TOLD_APART = 26.0  # in CIE L*a*b*: a person sees at once what is what
+LEAST_MOVE_PX = 40.0  # of the end: less is nobody's film
+MOST_SLOWED = 2.0
 MARGIN_PX = 24  # by which a room is larger than the picture, for a camera that shakes
 
 
@@ -142,21 +144,28 @@ def draw(seed: int) -> Scene:
     rng = np.random.default_rng([20261128, seed])
     frames = int(rng.integers(40, 121))
     kind, laid_out, tries = bodies.pick_kind(rng), None, 0
-    cam = camera(rng, frames)
+    cam, fills = camera(rng, frames), rng.uniform(0.2, 0.42)
     while laid_out is None:
-        cam = cam if tries % 6 else replace(cam, size=picture_size(rng))
-        laid_out, tries = _laid_out(rng, kind(rng), cam, frames, fills=0.36 * 0.985**tries), tries + 1
+        cam = cam if tries % 25 or not tries else replace(cam, size=picture_size(rng))
+        laid_out, tries = _laid_out(rng, kind(rng), cam, frames, fills=fills * 0.99**tries), tries + 1
     body, place, length, turn, rest, moves = laid_out
     room, colour, cap = _seen_well(rng, seed, body, cam, place, length, turn, rest, moves)
     in_mm = rng.uniform(1.0, 2.5) if body.half_width_px[1] <= 7 else rng.uniform(4, 16)
     middle = _pose(body, place, length, rest, 0, 0, 0).line[PIECES // 3 :: 32]
-    fixed = things.attached(rng, cam.shape)
+    fixed = things.attached(rng, cam.shape, _mean_ahead(body, place, length, rest, turn, moves))
     return Scene(
         seed=seed, body=body, colour=colour, place=place, length_px=length, px_per_mm=place.half_width_px / in_mm, turn=turn,
         rest_turn=rest, motion=moves, frames=frames, camera=cam, light=light(rng, close=rooms.ROOMS[room].close), room=room,
         clamp=_clamp(rng, turn + rest), attached=fixed if body.attached else replace(fixed, name="nothing"),
         passing=things.passing(rng, cam.shape, middle, frames, place.half_width_px) if rng.random() < 0.05 else None, cap_colour=cap,
     )  # fmt: skip
+
+
+def _mean_ahead(body: Body, place: Place, length: float, rest: float, turn: float, moves: Motion) -> float:
+    """How far to the right (-1 to 1) the end points, on average."""
+    return float(
+        np.mean([np.cos(_pose(body, place, length, rest, turn * b, 0, 0).heading[-1]) for b in moves.bent[8::32]])
+    )
 
 
 def _clamp(rng: Rng, turn: float) -> str:
@@ -171,11 +180,11 @@ def _laid_out(rng: Rng, body: Body, cam: Camera, frames: int, fills: float):
     the longer side; or None, if it does not fit."""
     slender = rng.uniform(*body.slender)
     moves = motion(rng, frames, both_ways=body.both_ways)
-    turn = body.most_turn * (rng.uniform(0.75, 1.25) if moves.name == "curls" else rng.uniform(0.25, 0.9))
+    turn = body.most_turn * (rng.uniform(0.8, 1.5) if moves.name == "curls" else rng.uniform(0.25, 0.9))
     if body.both_ways and moves.bent.min() < -0.2:
         turn *= 0.5
     weights = body.bends(np.linspace(0, 1, 200))
-    turn = min(turn, 5.6, 0.6 * slender / (1 + body.wider) / (weights.max() / weights.mean())) * (
+    turn = min(turn, 6.1, 0.6 * slender / (1 + body.wider) / (weights.max() / weights.mean())) * (
         body.bends_to or rng.choice([-1, 1])
     )
     rest = rng.normal(0, 0.12)
@@ -186,7 +195,7 @@ def _laid_out(rng: Rng, body: Body, cam: Camera, frames: int, fills: float):
     low, high = points.min(axis=0) - 1.2, points.max(axis=0) + 1.2
     size = np.array(cam.size)
     fits = float(((size * rng.uniform(0.6, 0.93)) / (high - low)).min())
-    half_width = min(rng.uniform(*body.half_width_px), fits)
+    half_width = min(float(np.exp(rng.uniform(*np.log(body.half_width_px)))), fits)
     if half_width < body.half_width_px[0] or half_width * (high - low).max() < fills * size.max():
         return None
     free = size - half_width * (high - low)
@@ -199,9 +208,14 @@ def _laid_out(rng: Rng, body: Body, cam: Camera, frames: int, fills: float):
     if not _within(lines[0][-1] * half_width + at, size, 2 * half_width) or not _within(at, size, half_width):
         return None
     tips = np.array([_pose(body, place, length, rest, turn * b, 0, min(abs(b), 1)).line[-1] for b in moves.bent[8::8]])
+    if np.ptp(tips, axis=0).max() < max(3 * half_width, LEAST_MOVE_PX):
+        return None
     quickest = np.percentile(np.hypot(*np.diff(tips, axis=0).T), 97)
     allowed = 2 * half_width * rng.uniform(0.3, 1.2)
-    return body, place, length, turn, rest, slower(moves, max(1.0, quickest / allowed))
+    by = max(1.0, quickest / allowed)
+    if by > MOST_SLOWED:
+        return None
+    return body, place, length, turn, rest, slower(moves, by)
 
 
 def _within(point: np.ndarray, size: np.ndarray, margin: float) -> bool:

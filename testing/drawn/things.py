@@ -183,7 +183,7 @@ class Attached:
         if self.name == "hose":
             t = np.linspace(0, 1, 30)[:, None]
             reach = 0.45 * np.hypot(*(self.anchor - tip))
-            knots = (tip - 2 * ahead, tip + ahead * min(reach, 90), self.anchor - np.array([0, reach / 2]), self.anchor)
+            knots = (tip - 2 * ahead, tip + ahead * max(reach, 60), self.anchor - np.array([0, reach / 2]), self.anchor)
             line = (
                 (1 - t) ** 3 * knots[0]
                 + 3 * t * (1 - t) ** 2 * knots[1]
@@ -225,7 +225,8 @@ def _ball(middle: np.ndarray, ahead: np.ndarray, radius_px: float, colour: np.nd
 ATTACHED = {"nothing": 8.0, "hose": 0.8, "ball": 0.6, "weight on a string": 0.5, "small light": 0.4}
 
 
-def attached(rng: Rng, shape: tuple[int, int]) -> Attached:
+def attached(rng: Rng, shape: tuple[int, int], ahead: float) -> Attached:
+    """What is at the end of a body that points `ahead` (x, -1 to 1) on average: a hose leads on from there."""
     weights = np.array(list(ATTACHED.values()))
     name = str(rng.choice(list(ATTACHED), p=weights / weights.sum()))
     colour = (
@@ -233,7 +234,8 @@ def attached(rng: Rng, shape: tuple[int, int]) -> Attached:
         if name != "small light"
         else np.array([0.9, 0.85, 0.8])
     )
-    anchor = np.array([rng.choice([-0.1, 1.1]) * shape[1], rng.uniform(0.3, 1.1) * shape[0]])
+    side = np.sign(ahead) if abs(ahead) > 0.15 else rng.choice([-1, 1])
+    anchor = np.array([(0.5 + 0.6 * side) * shape[1], rng.uniform(0.3, 1.1) * shape[0]])
     return Attached(name, colour, rng.uniform(0.9, 1.6), anchor)
 
 
