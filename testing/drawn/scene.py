@@ -152,7 +152,12 @@ def draw(seed: int) -> Scene:
     room, colour, cap = _seen_well(rng, seed, body, cam, place, length, turn, rest, moves)
     in_mm = rng.uniform(1.0, 2.5) if body.half_width_px[1] <= 7 else rng.uniform(4, 16)
     middle = _pose(body, place, length, rest, 0, 0, 0).line[PIECES // 3 :: 32]
-    fixed = things.attached(rng, cam.shape, _mean_ahead(body, place, length, rest, turn, moves))
+    ahead = _mean_ahead(body, place, length, rest, turn, moves)
+    fixed = next(
+        f
+        for f in (things.attached(rng, cam.shape, ahead) for _ in range(99))
+        if _difference(f.colour, cap) > TOLD_APART
+    )
     return Scene(
         seed=seed, body=body, colour=colour, place=place, length_px=length, px_per_mm=place.half_width_px / in_mm, turn=turn,
         rest_turn=rest, motion=moves, frames=frames, camera=cam, light=light(rng, close=rooms.ROOMS[room].close), room=room,
@@ -266,6 +271,11 @@ def _behind(picture: np.ndarray, lines: list[np.ndarray], half_width_px: float) 
     for line in lines:
         cv2.polylines(swept, [np.round(line[::8]).astype(np.int32)], False, 1, int(3 * half_width_px) + 3)
     return picture[swept > 0][::23]
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> float:
+    """How far two colours (3,) are apart in CIE L*a*b*."""
+    return float(np.linalg.norm(_lab(one[None]) - _lab(other[None])))
 
 
 def _lab(linear: np.ndarray) -> np.ndarray:

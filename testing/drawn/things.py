@@ -225,15 +225,16 @@ def _ball(middle: np.ndarray, ahead: np.ndarray, radius_px: float, colour: np.nd
 ATTACHED = {"nothing": 8.0, "hose": 0.8, "ball": 0.6, "weight on a string": 0.5, "small light": 0.4}
 
 
+LEDS = np.array([(0.9, 0.85, 0.8), (0.95, 0.1, 0.06), (0.1, 0.9, 0.2), (0.1, 0.25, 0.95)])
+
+
 def attached(rng: Rng, shape: tuple[int, int], ahead: float) -> Attached:
     """What is at the end of a body that points `ahead` (x, -1 to 1) on average: a hose leads on from there."""
     weights = np.array(list(ATTACHED.values()))
     name = str(rng.choice(list(ATTACHED), p=weights / weights.sum()))
-    colour = (
-        pick(rng, ("red", "black", "steel", "blue", "green", "yellow"))
-        if name != "small light"
-        else np.array([0.9, 0.85, 0.8])
-    )
+    colour = pick(rng, ("red", "black", "steel", "blue", "green", "yellow"))
+    if name == "small light":
+        colour = LEDS[int(rng.integers(len(LEDS)))]
     side = np.sign(ahead) if abs(ahead) > 0.15 else rng.choice([-1, 1])
     anchor = np.array([(0.5 + 0.6 * side) * shape[1], rng.uniform(0.3, 1.1) * shape[0]])
     return Attached(name, colour, rng.uniform(0.9, 1.6), anchor)
