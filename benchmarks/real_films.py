@@ -2,8 +2,8 @@
 
 What is pointed at is in ``real_films/``, a file for each body in each film, and so is where a person saw its end in later frames.
 The films are not: for each, clone the repository that its `source` names from GitHub, check its `commit` out, and copy `path` to
-``$REAL_FILMS/<owner>+<name>/<path>``. Those that are not there are left out, and named. ``REAL_FILMS_ONLY`` chooses by name: the
-names of files, or patterns such as ``arm_*_end``, with blanks between.
+``$REAL_FILMS/<owner>+<name>/<path>`` (of single pictures it is a folder). Those that are not there are left out, and named.
+``REAL_FILMS_ONLY`` chooses by name: the names of files, or patterns such as ``arm_*_end``, with blanks between.
 
 Films of which `seen` is false were looked at by nobody who worked on the tracker before they were first run.
 """
@@ -125,7 +125,7 @@ def chosen(films: dict[str, FilmFile], folder: Path) -> Iterator[tuple[str, Film
     for name, film in films.items():
         if not any(fnmatch.fnmatch(name, pattern) for pattern in patterns):
             continue
-        if film.film(folder).is_file():
+        if film.film(folder).exists():
             yield name, film
         else:
             sys.stderr.write(f"{name}: left out, {film.source}:{film.path} is not in REAL_FILMS\n")

@@ -1,12 +1,12 @@
 """Real films by others: what is pointed at in them, which is kept beside the benchmark, and how a track is held against it.
 
 The films themselves are not kept here. Whoever measures clones the repository that `source` names, checks `commit` out, and
-copies `path` to ``<folder>/<owner>+<name>/<path>``.
+copies `path` to ``<folder>/<owner>+<name>/<path>``; of single pictures `path` is their folder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -22,7 +22,8 @@ from rfea_vision.calibration.projection import plane_mm_to_pixels
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.campaign.schema import ActuatorPart, CameraPart, ScalePart
 from rfea_vision.campaign.yaml_file import read_yaml
-from rfea_vision.readers.video import FrameSource, Luma, open_video
+from rfea_vision.readers.pictures import numbered_pictures, read_grey
+from rfea_vision.readers.video import FolderSource, FrameSource, Luma, open_video
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 
 Floats = NDArray[np.float64]
@@ -55,6 +56,7 @@ class FilmFile(_Described):
 
     `camera` and `actuator` have the keys of a campaign. `tips` are places in pixels by the number of the frame in the file, null
     where nobody can see the end, each known to `hand_px` (1 s.d.); where there is a `mark` its colour's middle stands for them.
+    `stills` are the numbers of single pictures, in the order in which they are read, a second apart.
     """
 
     source: Annotated[str, Field(pattern=r"^[\w.-]+/[\w.-]+$")]
@@ -63,6 +65,7 @@ class FilmFile(_Described):
     what: str
     seen: bool
     frames: FramesPart = FramesPart()
+    stills: tuple[int, ...] = ()
     camera: CameraPart
     actuator: ActuatorPart
     end: Literal["mark", "end"]
@@ -78,8 +81,7 @@ class FilmFile(_Described):
             raise ValueError("camera.scale: give two points and their distance")
         if self.mark is None and sum(place is not None for place in self.tips.values()) < 2:
             raise ValueError("tips: give two at least, or a mark")
-        kept = range(self.frames.first, max(self.tips, default=0) + 1, self.frames.step)
-        if missed := [n for n in self.tips if n not in kept or (self.frames.stop is not None and n >= self.frames.stop)]:
+        if missed := [number for number in self.tips if self.row_of(number) is None]:
             raise ValueError(f"tips: the frames {missed} are none of those that are read")
         return self
 
@@ -114,17 +116,37 @@ class FilmFile(_Described):
         assert scale.distance is not None
         return scaled_by_distance(size, scale.points, 1e3 * scale.distance)
 
+    def row_of(self, number: int) -> int | None:
+        """Which of the frames that are read has a number in the file; None where it is none of them."""
+        if self.stills:
+            return self.stills.index(number) if number in self.stills else None
+        stop = number + 1 if self.frames.stop is None else self.frames.stop
+        kept = range(self.frames.first, stop, self.frames.step)
+        return kept.index(number) if number in kept else None
+
     def film(self, folder: Path) -> Path:
         """Where the film is under the folder of all films."""
         return folder / self.source.replace("/", "+") / self.path
 
     def opened(self, folder: Path) -> FrameSource:
         """The frames that are read."""
+        if self.stills:
+            return opened_stills(self.film(folder), self.stills)
         whole, chosen = open_video(self.film(folder)), self.frames
         if chosen == FramesPart():
             return whole
         times = whole.times_s()[chosen.first : chosen.stop : chosen.step]
         return ChosenFrames(whole.path, whole.size, len(times), whole.rate_Hz, whole=whole, chosen=chosen)
+
+
+def opened_stills(folder: Path, numbers: Sequence[int]) -> FrameSource:
+    """Pictures of a folder by the numbers in their names, a second apart."""
+    files = {int(path.stem): path for path in numbered_pictures(folder) if path.stem.isdigit()}
+    chosen = tuple(files[number] for number in numbers)
+    first = read_grey(chosen[0])
+    assert first is not None
+    size, times = (first.shape[1], first.shape[0]), tuple(float(k) for k in range(len(chosen)))
+    return FolderSource(folder, size, len(chosen), 1.0, files=chosen, times=times, bits=8)
 
 
 @dataclass(frozen=True)
@@ -288,5 +310,5 @@ def known_places(film: FilmFile, source: FrameSource) -> Floats:
     known = np.full((len(source.times_s()), 2), np.nan)
     for number, place in film.tips.items():
         if place is not None:
-            known[(number - film.frames.first) // film.frames.step] = place
+            known[film.row_of(number)] = place
     return known

@@ -27,9 +27,17 @@ def test_what_is_pointed_at_makes_sense(name: str):
     assert length_px > 1.5 * 2 * film.half_width_px
     if film.end == "mark":
         assert film.mark is not None
-    first = film.tips.get(film.frames.first)
+    first = film.tips.get(film.stills[0] if film.stills else film.frames.first)
     if first is not None:
         assert np.linalg.norm(tip - first) <= 3 * film.hand_px
+
+
+def test_frames_are_found_by_their_numbers_in_the_file():
+    content = yaml.safe_load((POINTED / "arm_test_upper_mark.yaml").read_text(encoding="utf-8"))
+    every_third = FilmFile.model_validate({**content, "frames": {"first": 10, "stop": 20, "step": 3}})
+    assert [every_third.row_of(number) for number in (9, 10, 11, 13, 19, 22)] == [None, 0, None, 1, 3, None]
+    stills = FilmFile.model_validate({**content, "stills": [90, 8, 55]})
+    assert [stills.row_of(number) for number in (90, 55, 9)] == [0, 2, None]
 
 
 def test_there_are_films_of_both_kinds():
