@@ -44,7 +44,7 @@ def test_the_view_is_that_of_the_wall_and_not_of_what_moves_before_it():
     np.testing.assert_allclose(told, true, atol=0.15)
     assert np.abs(back[150:220, 20:180].astype(float) - first[150:220, 20:180]).mean() < 4.0
     around = still(seen, np.array([[100.0, 160.0]]), 40.0)
-    np.testing.assert_array_equal(around[120:200, 60:140], still(seen)[120:200, 60:140])
+    np.testing.assert_allclose(around[120:200, 60:140], still(seen)[120:200, 60:140], atol=2)  # it looks again
     assert not around[:119].any() and not around[:, 141:].any()
     film = corners * 2.0 + 0.5  # in a film whose pictures are seen half as large
     told = film @ still.view(0.5)[:, :2].T + still.view(0.5)[:, 2]
@@ -68,6 +68,26 @@ def test_an_arm_with_most_of_the_corners_is_no_wall():
         seen = cv2.warpAffine(skin, place, (320, 240), paper.copy(), borderMode=cv2.BORDER_TRANSPARENT)
         seen = np.clip(cv2.GaussianBlur(seen, (0, 0), 0.8) + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8)
         assert still(seen) is seen, f"frame {frame} is turned back"
+
+
+@pytest.mark.parametrize("shaken", [True, False])
+def test_a_hand_that_shakes_by_a_px_or_two_is_followed_and_a_ball_that_swings_is_not(shaken):
+    """A plain wall with four screws and a block's edges; a ball on the body's end shows more than all of them."""
+    rng = np.random.default_rng(3)
+    room = np.full((240, 320, 3), (150, 155, 160), np.uint8)
+    cv2.rectangle(room, (20, 60), (60, 180), (70, 70, 75), -1)
+    for x, y in ((100, 20), (300, 30), (110, 225), (295, 215), (200, 15), (220, 228)):
+        cv2.circle(room, (x, y), 5, (60, 60, 60), -1, cv2.LINE_AA)
+    still, off, turned = StillView(np.array([[60.0, 120.0], [180.0, 120.0]]), 8.0), [], False
+    for frame in range(30):
+        x, y = (1.5 * np.sin(1.1 * frame), 1.2 * np.cos(0.8 * frame) - 1.2) if shaken else (0.0, 0.0)
+        picture = room.copy()
+        cv2.circle(picture, (190 + round(20 * np.sin(0.3 * frame)), 120 + 2 * frame), 14, (40, 40, 200), -1, cv2.LINE_AA)
+        picture = cv2.warpAffine(picture, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]), (320, 240), borderMode=cv2.BORDER_REPLICATE)
+        picture = np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+        turned = still(picture) is not picture
+        off.append(np.abs(still.moved[:, 2] + (still.moved[:, :2] - np.eye(2)) @ [60.0, 120.0] - [x, y]).max())
+    assert turned == shaken and (not shaken or max(off) < 0.3)
 
 
 def test_light_that_changes_does_not_move_a_ruled_wall():

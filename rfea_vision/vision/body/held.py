@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.begin import leaving
-from rfea_vision.vision.body.still import at_scale, turned_back
+from rfea_vision.vision.body.still import Level, at_scale, sampled, turned_back
 
 AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
 AXIS = 1.5  # the less the farther it lies beside the body's axis: there may be wall
@@ -22,9 +22,6 @@ NOISE, SLOPE_NOISE = 2.0, 0.5  # grey levels, and such to a pixel of a blurred p
 EDGE_PX = 0.15  # by how much a pixel of an edge may be off for how it was resampled and compressed
 ALIKE = 0.7  # correlation with the first picture, below which what holds the body is not seen
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
-
-
-Level = NDArray[np.float32]  # a picture (h, w) of grey levels, blurred
 
 
 class HeldView:
@@ -62,7 +59,7 @@ class HeldView:
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
         blurred = [np.asarray(cv2.GaussianBlur(grey, (0, 0), blur * self._half), dtype=np.float32) for blur in BLURS]
         if self._first is None:
-            self._first = [_sampled(level, self._put(np.zeros(3))) for level in blurred]
+            self._first = [sampled(level, self._put(np.zeros(3))) for level in blurred]
             return
         self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
         pose, alike, covariance = self._aligned(blurred, self._pose + self._step)
@@ -100,8 +97,8 @@ class HeldView:
         for level, first in zip(blurred, self._first, strict=True):
             for _ in range(STEPS):
                 places = self._put(pose)
-                seen = _sampled(level, places)
-                slopes = np.column_stack([0.5 * (_sampled(level, places + way) - _sampled(level, places - way)) for way in np.eye(2)])
+                seen = sampled(level, places)
+                slopes = np.column_stack([0.5 * (sampled(level, places + way) - sampled(level, places - way)) for way in np.eye(2)])
                 gain, offset = _line(first, seen, self._weight)
                 off = gain * first + offset - seen
                 variance = max(NOISE, float(scatter(off[:, None])[0])) ** 2 + EDGE_PX**2 * np.sum(slopes**2, axis=1)
@@ -117,19 +114,13 @@ class HeldView:
                 pose += step
                 if np.abs(step[:2]).max() + self._half * abs(step[2]) < 0.02:
                     break
-        seen = _sampled(blurred[-1], self._put(pose))
+        seen = sampled(blurred[-1], self._put(pose))
         return pose, _alike(self._first[-1], seen, self._weight), np.asarray(np.linalg.inv(information), dtype=float)
 
 
 def _turn(angle: float) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
-
-
-def _sampled(picture: Level, places: FloatArray) -> FloatArray:
-    """Grey levels (n,) at places (n, 2) px."""
-    x, y = places.T.astype(np.float32)
-    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float).ravel()
 
 
 def _line(first: FloatArray, seen: FloatArray, weight: FloatArray) -> tuple[float, float]:
