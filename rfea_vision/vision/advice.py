@@ -306,16 +306,16 @@ def _step(source: FrameSource) -> int:
 
 def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
     """Follow the body with these hints in `count` frames, each `step`-th."""
-    follower, tips = BodyFollower(scene, scale_for(scene, source.size)), []
+    follower, seen = BodyFollower(scene, scale_for(scene, source.size)), []
     with closing(levelled(source.colours(follower.scale))) as pictures:
         for time_s, picture in islice(pictures, 0, step * count, step):
             if not follower.next(picture, time_s):
-                tips.append(follower.body.points[-1].copy())
+                seen.append((*follower.body.points[-1], follower.body.length))
             if follower.hopeless():
                 break
-    # In all but a tenth of the frames to either side: a line that settles after the first one does not sway.
-    sways = float(np.ptp(np.quantile(tips, (0.1, 0.9), axis=0), axis=0).max()) / follower.pointed_half() if tips else 0.0
-    return Trial(len(tips), sways)
+    # In all but a tenth of the frames to either side: a line that settles after the first one does not sway, nor one that slides along.
+    *sways, slides = np.ptp(np.quantile(seen, (0.1, 0.9), axis=0), axis=0) if seen else np.zeros(3)
+    return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed_half())
 
 
 def _scale_first(reasons: list[str]) -> str:

@@ -93,14 +93,16 @@ def test_what_was_found_instead_is_tried_before_it_is_said():
 @pytest.mark.parametrize(
     ("hints", "said"),
     [
-        ({"tip": (220.0, 100.0)}, r"from \d\d % on \(of the way from clamp to tip\) what was pointed at looks like the wall"),
-        ({"clamp": ((40.0, 180.0), (40.0, 204.0))}, r"up to \d\d % \(of the way from clamp to tip\) what was pointed at looks"),
-        ({"clamp": ((30.0, 40.0), (54.0, 40.0)), "tip": (42.0, 200.0)}, r"from \d\d? % on .* check camera\.clamp and camera\.tip"),
+        ({"tip": (220.0, 100.0)}, r"from [4-7]\d % on \(of the way from clamp to tip\) what was pointed at looks like the wall"),
+        ({"clamp": ((40.0, 180.0), (40.0, 204.0))}, r"(from|up to) \d\d % \(of the way from clamp to tip\) what was pointed at looks"),
+        ({"clamp": ((30.0, 40.0), (54.0, 40.0)), "tip": (42.0, 200.0)}, r"(from|up to) \d* % .* check camera\.clamp and camera\.tip"),
         ({"clamp": ((96.0, 40.0), (144.0, 40.0))}, "camera.clamp is 24 mm wide by the scale, and the tube 12 mm by actuator"),
     ],
 )
 def test_hints_beside_the_body_are_not_answered_with_light(hints, said):
-    assert re.match(said, advice.film_lacks(film_of([drawn()]), pointed_at(**hints)))
+    for number in range(4):
+        answer = advice.film_lacks(film_of([drawn(number=number)]), pointed_at(**hints))
+        assert re.match(said, answer), (number, answer)
 
 
 def test_a_line_in_the_wrong_order_is_tried_without(monkeypatch):
