@@ -46,11 +46,13 @@ from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import LAGS, POINTED_PX, TURNED, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
+    ACROSS_TEXTURE,
     SHARES,
     STATIONS,
     Picture,
     SeenBody,
     Sight,
+    Skin,
     end_of,
     follow_colours,
     frame_of,
@@ -63,7 +65,7 @@ from rfea_vision.vision.body.model import (
     told_from_wall,
 )
 from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, goes_on, in_front, refused
-from rfea_vision.vision.body.sampling import RAYS
+from rfea_vision.vision.body.sampling import RAYS, read_slopes
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
@@ -80,7 +82,9 @@ SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
+GROWS = 0.2  # of the way that an end has gone since it was pointed at, 1 s.d., chosen: so much a body that bends may have grown unseen
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
+SNAPS = 1.0  # half widths from one frame to the next, chosen: what has gone so far is sought anew as well
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 EVERYWHERE = np.zeros((1, 2)), np.inf
 # Share of a way across the body that flow may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
@@ -156,10 +160,12 @@ class BodyFollower:
             if guided is not None:
                 fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
-        if self.good and fit.reason and not fit.reason.startswith("touches_border"):
+        snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed_half()
+        if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
             lab = self.wall.look(picture, *EVERYWHERE)  # it may have gone farther than was looked at
             found = (self._judged(lab, self._fit(lab, *gone, 0.8)) for gone in self._outlined(lab))
-            fit = next((anew for anew in found if not anew.reason), fit)
+            anew = next((anew for anew in found if not anew.reason), fit)
+            fit = anew if fit.reason or anew.likeness > fit.likeness else fit
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -257,9 +263,9 @@ class BodyFollower:
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
         self.end_offsets = offsets if believed else None
-        skin = skin_of(lab, self.body)
-        # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
-        self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0
+        colours = skin_of(lab, self.body)
+        slopes = read_slopes(lab, self.body.points, frame_of(self.body.points)[1], self.body.half, ACROSS_TEXTURE)
+        self.skin = Skin(colours, slopes, np.full_like(colours, SKIN_SCATTER**2))
         self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
@@ -307,7 +313,7 @@ class BodyFollower:
             # It was pointed at beside its end, or its line has slipped since: as either is likely.
             pointed, lags = (self.pointed_px * self.scale) ** 2, LAGS * (self.lengths[1] - self.lengths[0])
             kept = pointed / (pointed + end_variance(self.covariance, lags))
-            self.end_offsets, self.skin = seen - (1.0 - kept) * np.median(seen), (*self.skin[:2], TRUSTED)
+            self.end_offsets = seen - (1.0 - kept) * np.median(seen)
 
     def _spread(self, unknown: float = 0.0) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen; `unknown` is a share of its length."""
@@ -333,9 +339,9 @@ class BodyFollower:
         """The body of the last frame that was measured, moved as flow tells, and the covariance of this movement."""
         last, spread = self.last.body, self._spread()
         near, told, carried = flown(self.last, lab, self.wall, self.foot[0])
-        told[ALONG, ALONG] *= self.skin[2]
+        told[ALONG, ALONG] *= TRUSTED
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
-            near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
+            near = as_long(lab, self.wall, near, self.skin.colours, np.array(LENGTHS) * self.first.length)
             spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
         covariance = np.asarray(np.linalg.inv(np.linalg.inv(spread) + told), dtype=float)
         gone = TO_NORMAL @ np.sum((near.points - last.points) * frame_of(last.points)[1], axis=1)
@@ -363,6 +369,9 @@ class BodyFollower:
         self.known_length = self.known_length if self.good and not level else fit.body.length
         beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
+        if self.good and self.end_offsets is None:
+            gone = float(np.linalg.norm(fit.body.points[-1] - self.first_body.points[-1]))
+            slipped += 1.0 / (fit.shown + 1.0 / max(beyond * GROWS * gone, 1e-3) ** 2)
         slipped += goes_on(fit) ** 2
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
@@ -373,7 +382,7 @@ class BodyFollower:
             self.first.fit, self.edge_offsets = fit, beyond_half(lab, self.wall, fit.body)
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
-            self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin[0], self.body)
+            self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin.colours, self.body)
             stayed = self.stayed > 0
             self.learned |= bool(np.any((end := stayed & (np.arange(STATIONS) >= STATIONS - end_of(stayed))) & ~self.walls))
             self.walls = self.walls | end
@@ -382,14 +391,12 @@ class BodyFollower:
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
         self.last = Sight(self.body, lab, skin_of(cleared, self.body))
-        skin, variance, _ = self.skin
-        off = self.last.skin - skin
+        off = self.last.skin - self.skin.colours
         off -= off.mean(axis=1, keepdims=True)
-        variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
+        self.skin.variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - self.skin.variance)
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
-        # Where nothing measures how long it is, all by which its length has varied may be drift.
-        lags = (LAGS if self.end_offsets is not None else 1.0) * (self.lengths[1] - self.lengths[0])
+        lags = LAGS * (self.lengths[1] - self.lengths[0])
         seen_from = self.seen_from.stderr
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.scale))
         fill_numbers(

@@ -92,6 +92,15 @@ class SeenBody:
 
 
 @dataclass
+class Skin:
+    """Colours (S, V, 3) of the first frame, by how much a pixel across the body and along changes them (S, V, 2, 3), and variance."""
+
+    colours: FloatArray
+    slopes: FloatArray
+    variance: FloatArray
+
+
+@dataclass
 class Sight:
     """The body in a picture: where it was, and its skin there (S, V, 3)."""
 

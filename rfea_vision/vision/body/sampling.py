@@ -29,6 +29,7 @@ RAYS = 7  # along the body through its end
 RAY_REACH = 0.6  # of the half width: the outermost rays
 ALIKE = 15.0  # grey levels: what differs by more is another skin
 NOISE_SLOPE = 1.5  # grey levels per pixel
+WITHIN = 0.8  # half widths: what lies farther out changes with the outline, which looks the same all along the body
 IN_LIGHT, IN_SHADOW = 1.0 / WALL_SCATTER**2, 1.0 / SHADOW**2
 LOG_IN_LIGHT, LOG_IN_SHADOW = 3.0 * math.log(WALL_SCATTER), 2.0 * math.log(WALL_SCATTER) + math.log(SHADOW)
 INDEPENDENT = 0.2  # share of the skin's pixels that are independent in a compressed picture
@@ -211,11 +212,27 @@ def read_strip(picture, points, normals, half, across):
 
 
 @compiled
-def match_skin(picture, points, normals, half, across, skin, variance, slips):
+def read_slopes(picture, points, normals, half, across):
+    """By how much colours change per pixel at `across` (V,) half widths: (S, V, 2, 3), across the body and along it."""
+    ahead, behind, out = np.zeros(3), np.zeros(3), np.empty((points.shape[0], across.shape[0], 2, 3))
+    for s in range(points.shape[0]):
+        nx, ny = normals[s, 0], normals[s, 1]
+        for v in range(across.shape[0]):
+            x, y = points[s, 0] + across[v] * half[s] * nx, points[s, 1] + across[v] * half[s] * ny
+            for k in range(2):
+                dx, dy = (nx, ny) if k == 0 else (ny, -nx)
+                seen = _read(picture, x + dx, y + dy, ahead) and _read(picture, x - dx, y - dy, behind)
+                for c in range(3):
+                    out[s, v, k, c] = 0.5 * (ahead[c] - behind[c]) if seen else 0.0
+    return out
+
+
+@compiled
+def match_skin(picture, points, normals, half, across, skin, slopes, variance, slips):
     """How the skin lies beside its place: information (S, 6) nn, nt, tt, nw, tw, ww and pull (S, 3), per station.
 
-    One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `variance`, without what
-    a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
+    One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `slopes` (S, V, 2, 3) and `variance`,
+    without what a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
     What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. The third
     that is returned, (S,), is the share of pixels that agree.
     """
@@ -233,9 +250,10 @@ def match_skin(picture, points, normals, half, across, skin, variance, slips):
                 dx, dy = (nx, ny) if k == 0 else (ny, -nx)
                 whole = whole and _read(picture, x + dx, y + dy, ahead) and _read(picture, x - dx, y - dy, behind)
                 for c in range(3):
-                    steep = 0.5 * (ahead[c] - behind[c])
-                    # Noise has slopes, too, and they would hold the body where it is.
-                    slope[v, c, k] = math.copysign(max(abs(steep) - NOISE_SLOPE, 0.0), steep)
+                    steep, before = 0.5 * (ahead[c] - behind[c]), slopes[s, v, k, c]
+                    # Noise has slopes, too, and glare, and they would hold the body where it is: what both pictures show counts.
+                    shown = min(abs(steep), abs(before)) - NOISE_SLOPE if steep * before > 0.0 else 0.0
+                    slope[v, c, k] = math.copysign(max(shown, 0.0), steep)
         if not whole:
             continue
         for c in range(3):
@@ -249,7 +267,7 @@ def match_skin(picture, points, normals, half, across, skin, variance, slips):
                 if share >= 1.0:
                     continue
                 weight = INDEPENDENT * (1.0 - share) ** 2 / variance[s, v, c]
-                gn, gt = slope[v, c, 0], slope[v, c, 1]
+                gn, gt = slope[v, c, 0], slope[v, c, 1] * (abs(across[v]) < WITHIN)
                 gw = across[v] * gn
                 information[s, 0] += weight * gn * gn
                 information[s, 1] += weight * gn * gt
