@@ -185,11 +185,13 @@ class Ends:
     heading_rad: Floats
 
     @classmethod
-    def of(cls, track: Track, calibration: Calibration) -> Ends:
+    def of(cls, track: Track, calibration: Calibration, *, stayed: bool = False) -> Ends:
+        """Those of a track, where each frame shows them, or where it would, had the camera `stayed` as it was."""
         data = track.dataset
         rig_mm = np.concatenate([data["midline"].values[:, -3:], data["tip"].values[:, None]], axis=1)
         rig_mm = np.where(track.valid[:, None, None], rig_mm, np.nan)
-        places = in_frame(track, plane_mm_to_pixels(calibration, rig_to_plane(track, rig_mm)))
+        places = plane_mm_to_pixels(calibration, rig_to_plane(track, rig_mm))
+        places = places if stayed else in_frame(track, places)
         ahead = places[:, 2] - places[:, 0]
         sigma_px = data["tip_sigma"].values * data.attrs["px_per_mm"]
         return cls(places[:, 3], sigma_px, np.arctan2(ahead[:, 1], ahead[:, 0]))
