@@ -92,3 +92,21 @@ def test_an_end_is_known_by_the_skin_where_that_shows_how_long_the_body_is():
         stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm / HALF
         assert off < max(3.0 * stderr, 0.1), k
     assert off < 0.3
+
+
+def test_an_end_that_is_seen_holds_the_line_where_marks_do_not_reach():
+    """An arm that is glued at its end: up to a mark it stretches by a quarter, and beyond not at all. Its line ended 0.19 half widths beside."""
+    follower = None
+    for k in range(40):
+        stretch, bend = 1.0 + 0.25 * k / 39, 0.1 + 0.02 * k
+        heading = np.pi - bend * SHARES
+        steps = 105.0 / 64 * np.where(SHARES < 0.85, stretch, 1.0)[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+        line = FOOT + np.vstack([[0.0, 0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]), axis=0)])
+        picture = drawn(line, np.full(65, HALF))
+        x, y = line[54]
+        cv2.circle(picture, (round(16 * x), round(16 * y)), round(16 * 0.5 * HALF), (40, 40, 200), -1, cv2.LINE_AA, 4)
+        follower = follower or follower_of(line)
+        assert follower.next(picture, 0.05 * k) == "", k
+        assert len(follower.marks) == 1 and follower.end_offsets is not None
+        off = float(np.linalg.norm(follower.body.points[-1] - line[-1])) / HALF
+    assert off < 0.15

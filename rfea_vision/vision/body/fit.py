@@ -193,7 +193,7 @@ class Evidence:
         if self.end_offsets is None:
             return np.full(RAYS, np.nan)
         end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
-        _add_end(matrix, vector, end, body.last)
+        _add_end(matrix, vector, end, body.last, TRUSTED**0.5 if self.marks else 1.0)
         return end
 
 
@@ -382,12 +382,12 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
     vector += pull[:UNKNOWNS] - carried @ pull[UNKNOWNS:]
 
 
-def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray, last: int) -> None:
+def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray, last: int, share: float) -> None:
     """The end of the body moves with the station at which it is."""
     found = end[np.isfinite(end)].tolist()
     if len(found) < RAYS // 2:
         return
     place = median(found)
     spread = median(abs(ray - place) for ray in found) / QUARTILE + END_PX
-    sigma = 1.25 * spread * (2.0 / len(found)) ** 0.5  # of the median; two rays next to each other see the same
+    sigma = share * 1.25 * spread * (2.0 / len(found)) ** 0.5  # of the median; two rays next to each other see the same
     add_row(matrix, vector, ALONG.start, ALONG_BASIS[last], place, sigma)
