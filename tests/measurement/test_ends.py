@@ -95,7 +95,7 @@ def test_an_end_is_known_by_the_skin_where_that_shows_how_long_the_body_is():
 
 
 def test_an_end_that_is_seen_holds_the_line_where_marks_do_not_reach():
-    """An arm that is glued at its end: up to a mark it stretches by a quarter, and beyond not at all. Its line ended 0.19 half widths off."""
+    """An arm glued at its end: up to a mark it stretches by a quarter, beyond not at all. Its line ended 0.19 half widths off."""
     follower = None
     for k in range(40):
         stretch, bend = 1.0 + 0.25 * k / 39, 0.1 + 0.02 * k
