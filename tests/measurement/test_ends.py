@@ -110,3 +110,16 @@ def test_an_end_that_is_seen_holds_the_line_where_marks_do_not_reach():
         assert len(follower.marks) == 1 and follower.end_offsets is not None
         off = float(np.linalg.norm(follower.body.points[-1] - line[-1])) / HALF
     assert off < 0.15
+
+
+@pytest.mark.parametrize("off_px", [-10.0, 0.0, 5.0])
+def test_what_rays_see_an_end_off_the_line_is_in_its_standard_error(off_px):
+    """An arm that snapped round by half its length ended a half width before its line, and was said to be known to a fifth of that."""
+    follower = follower_of(line := middle_of(0.1, 100.0))
+    for k in range(2):
+        assert follower.next(drawn(line, np.full(65, HALF)), 0.05 * k) == ""
+    fit = follower._fit(follower.last.lab, follower.body, follower._spread(), 0.8)
+    fit.end[:] = off_px
+    follower._accept(follower.last.lab, fit)
+    stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm
+    assert abs(off_px) <= stderr < abs(off_px) + 2.0

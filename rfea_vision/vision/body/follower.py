@@ -46,7 +46,6 @@ from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import LAGS, POINTED_PX, TURNED, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
-    ACROSS_TEXTURE,
     SHARES,
     STATIONS,
     Picture,
@@ -64,8 +63,8 @@ from rfea_vision.vision.body.model import (
     skin_of,
     told_from_wall,
 )
-from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, goes_on, in_front, refused
-from rfea_vision.vision.body.sampling import RAYS, read_slopes
+from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
+from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
@@ -78,8 +77,6 @@ FIRST_TURNS = 8
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
-SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
-SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 GROWS = 0.2  # of the way that an end has gone since it was pointed at, 1 s.d., chosen: so much a body that bends may have grown unseen
@@ -263,9 +260,7 @@ class BodyFollower:
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
         self.end_offsets = offsets if believed else None
-        colours = skin_of(lab, self.body)
-        slopes = read_slopes(lab, self.body.points, frame_of(self.body.points)[1], self.body.half, ACROSS_TEXTURE)
-        self.skin = Skin(colours, slopes, np.full_like(colours, SKIN_SCATTER**2))
+        self.skin = Skin.of(lab, self.body)
         self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
@@ -372,7 +367,7 @@ class BodyFollower:
         if self.good and self.end_offsets is None:
             gone = float(np.linalg.norm(fit.body.points[-1] - self.first_body.points[-1]))
             slipped += 1.0 / (fit.shown + 1.0 / max(beyond * GROWS * gone, 1e-3) ** 2)
-        slipped += goes_on(fit) ** 2
+        slipped += float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0  # rays, or what was carried, are off by that
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
@@ -391,9 +386,7 @@ class BodyFollower:
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
         self.last = Sight(self.body, lab, skin_of(cleared, self.body))
-        off = self.last.skin - self.skin.colours
-        off -= off.mean(axis=1, keepdims=True)
-        self.skin.variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - self.skin.variance)
+        self.skin.follow(self.last.skin)
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
         lags = LAGS * (self.lengths[1] - self.lengths[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL, scatter
-from rfea_vision.vision.body.sampling import read_strip
+from rfea_vision.vision.body.sampling import read_slopes, read_strip
 from rfea_vision.vision.curve import basis_matrix
 
 Picture = NDArray[np.uint8]
@@ -36,6 +36,8 @@ SAME_COLOUR = 2.0
 CLEAR = 3.0  # standard deviations between two colours that are never confused
 LEFT = 9.0  # times less, squared: chosen, a third of what tells the body from what is around it
 INNER = 0.5  # half widths off the line: what lies farther out is read with an edge
+SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
+SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
@@ -98,6 +100,19 @@ class Skin:
     colours: FloatArray
     slopes: FloatArray
     variance: FloatArray
+
+    @classmethod
+    def of(cls, picture: Picture, body: SeenBody) -> Skin:
+        """That of a body in a picture."""
+        colours = skin_of(picture, body)
+        slopes = read_slopes(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE)
+        return cls(colours, slopes, np.full_like(colours, SKIN_SCATTER**2))
+
+    def follow(self, seen: FloatArray) -> None:
+        """Let what is seen to change (S, V, 3), but for the light on all of a station, count less."""
+        off = seen - self.colours
+        off -= off.mean(axis=1, keepdims=True)
+        self.variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - self.variance)
 
 
 @dataclass
