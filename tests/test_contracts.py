@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -110,6 +111,24 @@ def test_everything_public_says_what_it_is(root: Path) -> None:
 def _pins(root: Path) -> list[str]:
     files = ("requirements.txt", "requirements-dev.txt")
     return [line for file in files for line in (root / file).read_text(encoding="utf-8").splitlines()]
+
+
+TOP_LEVEL = {
+    *(".ci", ".dockerignore", ".gitignore", "CHANGELOG.md", "CITATION.cff", "Containerfile", "LICENSE", "Makefile", "README.md"),
+    *("SECURITY.md", "benchmarks", "calib", "docs", "examples", "hatch_build.py", "mkdocs.yml", "pipelines", "pyproject.toml"),
+    *("requirements-dev.lock", "requirements-dev.txt", "requirements-docs.txt", "requirements.lock", "requirements.txt"),
+    *("rfea_vision", "testing", "tests"),
+}
+
+
+def test_nothing_else_stands_at_the_top_level(root: Path) -> None:
+    """Results of runs had slipped in there once."""
+    if shutil.which("git") is None:
+        pytest.skip("no git here")
+    listed = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True, timeout=60)
+    if listed.returncode:
+        pytest.skip(f"not a clone that git lists here: {listed.stderr.strip()}")
+    assert {name.split("/")[0] for name in listed.stdout.splitlines()} == TOP_LEVEL
 
 
 def test_pins_name_no_index(root: Path) -> None:
