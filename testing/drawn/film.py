@@ -259,7 +259,8 @@ def film(path: Path, scene: Scene) -> Truth:
         stream = container.add_stream("libx264", rate=rate)
         stream.codec_context.thread_count = 1  # with more, a busy machine encodes another film
         stream.width, stream.height, stream.pix_fmt = *camera.size, "yuv420p"
-        stream.options = {"crf": str(camera.crf), "preset": "veryfast"}
+        # x264's assembly encodes the same pictures to another film now and then, from one run to the next.
+        stream.options = {"crf": str(camera.crf), "preset": "veryfast", "x264-params": "no-asm=1"}
         for number in range(scene.frames):
             frame = av.VideoFrame.from_ndarray(stage.frame(number), format="rgb24")
             frame.pts, frame.time_base = number, 1 / rate
