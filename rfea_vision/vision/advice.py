@@ -9,7 +9,6 @@ from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,7 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import FOLDED, LEAST_SLENDER
+from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.clicks import LEAST_CLEAR, aside, on_wall
 from rfea_vision.vision.edges.fitted import new_buffers
@@ -211,14 +211,16 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     if scene.clamp_px is None or _left_picture(reasons):
         return ""
     count = min(_first_lost(reasons) + TRIED, len(reasons))
-    scale = scale_for(scene, source.size)
+    scale = min(scale_for(scene, source.size), 1.0)
     clamp, line = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
     half = 0.5 * float(np.linalg.norm(clamp[1] - clamp[0]))
     still, held = StillView(line, half), HeldView(clamp, line, half)  # a camera that drifts is followed
     least_px, rests = max(BASE_MOVED * half, POINTING_PX * scale), 0
     with closing(source.colours(scale)) as pictures:
         for frame, (_, picture) in enumerate(islice(pictures, count)):
-            held.look(still(picture))
+            still.look(picture)
+            seen = Shown(picture, moved=still.moved)
+            held.look(seen.colours(seen.whole))
             off, turn = held.off
             sure_px, sure_turn = SURELY * held.stderr[:2].max(), SURELY * held.stderr[2]
             turned = turn > max(BASE_TURNED, sure_turn)
@@ -260,7 +262,7 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
             yield hints, f"camera.clamp: [{_words(one)}, {_words(other)}] and camera.tip: {_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
         seen, picture = _first_look(source, scene)
-        lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+        lab = (shown := Shown(picture, seen.enlarged)).lab(shown.whole)
         for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half(), scene.length_mm * seen.px_per_mm):
             points = np.round((line[[16, 32, 48]] + 0.5) / seen.scale - 0.5, 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
@@ -272,7 +274,7 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
 def _first_look(source: FrameSource, scene: Scene) -> tuple[BodyFollower, NDArray[np.uint8]]:
     """One that would follow the body, and its first picture."""
     follower = BodyFollower(scene, scale_for(scene, source.size))
-    with closing(source.colours(follower.scale)) as pictures:
+    with closing(source.colours(follower.picture_scale)) as pictures:
         return follower, next(pictures)[1]
 
 
@@ -307,7 +309,7 @@ def _step(source: FrameSource) -> int:
 def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
     """Follow the body with these hints in `count` frames, each `step`-th."""
     follower, seen = BodyFollower(scene, scale_for(scene, source.size)), []
-    with closing(levelled(source.colours(follower.scale))) as pictures:
+    with closing(levelled(source.colours(follower.picture_scale))) as pictures:
         for time_s, picture in islice(pictures, 0, step * count, step):
             if not follower.next(picture, time_s):
                 seen.append((*follower.body.points[-1], follower.body.length))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +13,9 @@ from rfea_vision.lines import along
 from rfea_vision.vision.body.begin import SQUARE
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import reached
-from rfea_vision.vision.body.model import STATIONS, SeenBody, Sight, end_of, frame_of
+from rfea_vision.vision.body.model import STATIONS, SeenBody, end_of, frame_of
 from rfea_vision.vision.body.rules import MOST
+from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.find.begin import HINT_CLAMP, HINT_ELSEWHERE, POINTING_PX
 
 LEAST_CLEAR = 0.5  # of their scatter, the median along the body: chosen, most of what is read has more than 1
@@ -102,11 +102,10 @@ def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> 
     taken = np.linspace(first // 2, own - 1, STATIONS).astype(int)
     taken = STATIONS - 1 - taken if tip else taken
     known = replace(body, inside=body.inside[taken], outside=body.outside[taken])
-    lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
     foot = np.array([look.line[-1], -frame_of(body.points)[0][-1]]) if tip else look.foot
     length = look.scene.length_mm * look.px_per_mm
     # Of one picture alone nothing is known to be another thing.
-    ways = reached(lab, look.wall, Sight(known, np.zeros_like(lab), np.empty(0)), foot, look.pointed_half(), SHORTEST * length)
+    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed_half(), SHORTEST * length)
     return next((way for way in ways[1:] if abs(along(way)[-1] / length - 1.0) <= AS_LONG), None)
 
 

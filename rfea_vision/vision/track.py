@@ -229,10 +229,11 @@ def follow_body(
     Where it has gone and its end stayed behind, that is wall, and none of the body from the first frame on: it is followed anew.
     """
     scale, walls, total = scale_for(scene, source.size), None, _frame_count(source)
-    small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     while True:
         follower, seen = BodyFollower(scene, scale, walls, held=held), Rows(rows.nodes, rows.segments)
-        for done in _added(seen, follower, source, levelled(source.colours(scale)), small, progress):
+        read = follower.picture_scale
+        small = None if lamp is None else tuple(slice(int(read * s.start), int(read * s.stop) + 1) for s in lamp)
+        for done in _added(seen, follower, source, levelled(source.colours(read)), small, progress):
             late = too_late(done, seen.good, seen.copies, total, lost=follower.missed)
             if follower.learned or follower.hopeless() or late:
                 break

@@ -168,7 +168,7 @@ def test_a_film_whose_body_is_lost_ends_before_its_end(monkeypatch):
     source = FolderSource(Path("film"), (160, 200), None, 1.0, (), times)
     blank = np.zeros((200, 160, 3), dtype=np.uint8)
     monkeypatch.setattr(BodyFollower, "next", lost)
-    monkeypatch.setattr(BodyFollower, "looked_at", lambda _: (np.zeros((1, 2)), np.inf))
+    monkeypatch.setattr(BodyFollower, "looked_at", lambda *_: (np.zeros((1, 2)), np.inf))
     monkeypatch.setattr(FolderSource, "colours", lambda *_: ((time, blank) for time in times))
     actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.06)
     hints = Hints(clamp=((70.0, 30.0), (90.0, 30.0)), tip=(80.0, 150.0))

@@ -265,10 +265,10 @@ def test_an_arm_that_ends_behind_its_clamp_leaves_it_on_the_side_to_which_it_goe
         Hints(((60.0, 120.0), (80.0, 120.0)), (144.0, 137.0), ((76.0, 67.0), (120.0, 40.0), (167.0, 75.0))),
         (240, 200),
     )
-    follower = BodyFollower(scene, 1.2)
-    assert follower.next(cv2.resize(picture, None, fx=1.2, fy=1.2), 0.0) == ""
+    follower = BodyFollower(scene, 1.25)
+    assert follower.next(picture, 0.0) == ""
     np.testing.assert_allclose(follower.foot[1], [0.0, -1.0], atol=0.01)
-    off = np.linalg.norm((follower.body.points[8:, None] + 0.5) / 1.2 - 0.5 - line[None], axis=2).min(axis=1)
+    off = np.linalg.norm((follower.body.points[8:, None] + 0.5) / 1.25 - 0.5 - line[None], axis=2).min(axis=1)
     assert off[:-4].max() < 1.0, "up to its round end"
 
 

@@ -47,14 +47,14 @@ def test_what_was_covered_while_it_bent_on_is_found_where_it_has_gone():
     [
         (24.0, SIZE, 0.5),
         (12.0, SIZE, 1.0),
-        (5.0, SIZE, 2.4),
+        (5.0, SIZE, 2.375),
         (1.5, SIZE, 4.0),
         (5.0, (1920, 1080), 1.0),
         (24.0, (1920, 1080), 0.5),
     ],
 )
 def test_windows_of_the_fit_suit_a_body_of_any_size(half_px, size, scale):
-    """Pictures are scaled until the body is 24 px wide, up to four times, and no larger than a film of two megapixels."""
+    """Pictures are scaled until the body is 24 px wide, in eighths up to four times, and no larger than a film of two megapixels."""
     assert scale_for(scene_of(half_px, size), size) == pytest.approx(scale)
 
 

@@ -94,7 +94,7 @@ def test_the_pose_of_what_holds_it_is_known_as_well_as_it_says(marked):
     for k in range(12):
         map_ = np.array([[1.0, 0.0, 2.0 * k], [0.0, 1.0, 1.5 * k]])
         seen = cv2.warpAffine(bar, map_, (320, 240), borderMode=cv2.BORDER_REPLICATE)
-        view(np.clip(cv2.GaussianBlur(seen, (0, 0), 0.8) + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8))
+        view.look(np.clip(cv2.GaussianBlur(seen, (0, 0), 0.8) + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8))
     foot = np.array([150.0, 115.0])
     off = view.moved[:, :2] @ foot + view.moved[:, 2] - foot - [22.0, 16.5]
     assert view.seen and np.all(np.abs(off) < 3.0 * view.stderr[:2] + 0.05)

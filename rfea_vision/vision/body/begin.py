@@ -24,6 +24,7 @@ from rfea_vision.vision.body.model import (
     middle,
 )
 from rfea_vision.vision.body.sampling import read_strip
+from rfea_vision.vision.body.shown import STEPS
 from rfea_vision.vision.body.ways import Ways
 from rfea_vision.vision.curve import basis_matrix, fit_curve
 from rfea_vision.vision.find.begin import Scene, beside
@@ -40,6 +41,7 @@ HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light chan
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
+ROUTE_PX = 3.0  # half a body's width in the picture in which a way is sought, which is blurred by half of that
 ROUTE_FLOOR = 0.02  # cost of a way where surely the body is, over that where it surely is not
 ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
 
@@ -49,7 +51,8 @@ def scale_for(scene: Scene, size: tuple[int, int]) -> float:
     assert scene.clamp_px is not None
     half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
     larger = min(MOST_ENLARGED, (MOST_PIXELS / (size[0] * size[1])) ** 0.5)
-    return min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
+    scale = min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
+    return scale if scale < 1.0 else int(STEPS * scale) / STEPS
 
 
 def hinted_lines(
@@ -199,14 +202,16 @@ def _likeness(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_p
 
 def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatArray:
     """From hint to hint by way of pixels that look like the body."""
-    likeness = cv2.GaussianBlur(likeness, (0, 0), max(0.5 * half_px, 0.5))  # pyright: ignore
+    less = max(int(half_px / ROUTE_PX), 1)
+    size = np.array(likeness.shape[::-1]) // less
+    small = cv2.resize(likeness, size.tolist(), interpolation=cv2.INTER_AREA)
+    likeness = np.asarray(cv2.GaussianBlur(small, (0, 0), max(0.5 * half_px / less, 0.5)), dtype=np.float64)
     cost = 1.0 / (likeness / max(float(likeness.max()), 1e-6) + ROUTE_FLOOR)
     route: list[FloatArray] = []
-    size = np.array(likeness.shape[::-1]) - 1
-    for start, end in pairwise(line_px):
-        a, b = (np.clip(np.round(p), 0, size).astype(int) for p in (start, end))
+    for start, end in pairwise((line_px + 0.5) / less - 0.5):
+        a, b = (np.clip(np.round(p), 0, size - 1).astype(int) for p in (start, end))
         steps = Ways(cost, [(a[1], a[0])]).to((b[1], b[0]))
-        route.append(steps[:, ::-1].astype(float))
+        route.append(np.asarray(less * (steps[:, ::-1] + 0.5) - 0.5, dtype=np.float64))
     points = np.vstack([line_px[:1], *route, line_px[-1:]])
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -65,7 +64,8 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
-from rfea_vision.vision.body.still import StillView
+from rfea_vision.vision.body.shown import Shown
+from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
@@ -82,7 +82,8 @@ END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind
 GROWS = 0.2  # of the way that an end has gone since it was pointed at, 1 s.d., chosen: so much a body that bends may have grown unseen
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 SNAPS = 1.0  # half widths from one frame to the next, chosen: what has gone so far is sought anew as well
-LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
+# Half widths around where it was: within four are skin and edges, it moves by less than the rest; as far as flow may have lost it.
+LOOKED_AT = 8.0, 16.0
 EVERYWHERE = np.zeros((1, 2)), np.inf
 # Share of a way across the body that flow may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
 # a line that was carried by them from frame to frame lagged behind both edges.
@@ -98,7 +99,7 @@ class BodyFollower:
     Parameters
     ----------
     scene : with clamp and tip pointed at
-    scale : of the pictures over those in which the hints were given
+    scale : of the pictures in which it is followed over those of the film, in which the hints were given
     walls : (STATIONS,) which of its end cannot be told from the wall, as an earlier look at the film has shown
     held : by something that moves, so that the wall does in the pictures
     """
@@ -115,16 +116,16 @@ class BodyFollower:
         self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
         self.line = (scene.line_px + 0.5) * scale - 0.5
         self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line[:2])])
-        half = self.pointed_half()
-        self.seen_from = HeldView(self.clamp, self.line, half) if held else StillView(self.line, half)
+        self.enlarged, self.picture_scale = max(scale, 1.0), min(scale, 1.0)  # before it is looked at, and as it is read, over the film
+        clamp, line = ((places + 0.5) * self.picture_scale - 0.5 for places in (scene.clamp_px, scene.line_px))
+        half = self.pointed_half() / self.enlarged
+        self.seen_from = HeldView(clamp, line, half) if held else StillView(line, half)
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
-        self.good, self.missed = 0, 0
+        self.good, self.missed, self.frame = 0, 0, -1
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was where its end was seen
-        self.refusal = ""
-        self.frame = -1
-        self.moved_px = 0.0  # by the last frame, where it moved most
+        self.refusal, self.moved_px = "", 0.0  # by the last frame, where it moved most
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
         self.edge_offsets: FloatArray | None = None
         self.guide = guide_of(scene.hints, scene.clamp_px)
@@ -137,17 +138,20 @@ class BodyFollower:
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
         self.frame += 1
-        picture = self.seen_from(picture, *self.looked_at())
-        if not self.seen_from.seen:
-            self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
-            return self.refusal
         if self.hopeless():
             return self.refusal
-        if self.good and self.missed == 0 and np.array_equal(picture, self.seen):
+        if self.good and self.missed == 0 and np.array_equal(picture, self.shown.picture):
             copied = self.moved_px > MOVING_PX  # of a body at rest pictures may be alike, too
             self.good += not copied
             return "duplicate" if copied else ""
-        lab = self._lab(picture)
+        self.seen_from.look(picture)
+        if not self.seen_from.seen:
+            self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
+            return self.refusal
+        shown = Shown(picture, self.enlarged, self.seen_from.moved)
+        if self.good == 0:
+            self.wall = Wall(shown.shape, still=not self.held)
+        lab = self.wall.look(shown, *self.looked_at())
         guided = self._guided()
         if self.good == 0:
             self._begin(lab)
@@ -159,8 +163,9 @@ class BodyFollower:
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed_half()
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
-            lab = self.wall.look(picture, *EVERYWHERE)  # it may have gone farther than was looked at
-            found = (self._judged(lab, self._fit(lab, *gone, 0.8)) for gone in self._outlined(lab))
+            lines = self._reached(shown)  # it may have gone farther than was looked at
+            lab = self.wall.look(shown, *self.looked_at(fit.body.points, *lines))
+            found = (self._judged(lab, self._fit(lab, *self._outlined(lab, line), 0.8)) for line in lines)
             anew = next((anew for anew in found if not anew.reason), fit)
             fit = anew if fit.reason or anew.likeness > fit.likeness else fit
         reason = fit.reason
@@ -173,26 +178,19 @@ class BodyFollower:
         self.missed += bool(reason)
         if not reason:
             self._accept(lab, fit)
-            self.seen = picture
+            self.shown = shown
         return reason
 
     @property
     def view(self) -> FloatArray:
         """Map (2, 3) from a place in the film's first picture to that in the last one."""
-        return self.seen_from.view(self.scale)
+        return at_scale(self.seen_from.moved, self.picture_scale)
 
-    def _lab(self, picture: NDArray[np.uint8]) -> Picture:
-        """CIELAB of a picture in which the body is looked for."""
-        if self.good == 0:
-            self.wall = Wall(picture.shape, still=not self.held)
-        return self.wall.look(picture, *self.looked_at())
-
-    def looked_at(self) -> tuple[FloatArray, float]:
-        """Places (n, 2) px, and how far around them the next picture is looked at: where the body was, or all where it is sought."""
-        if self.good == 0:
+    def looked_at(self, *lines: FloatArray) -> tuple[FloatArray, float]:
+        """Places (n, 2) px, and how far around them a picture is looked at: where the body was, and on such lines; or all of it."""
+        if self.good == 0 or self.guide is not None:
             return EVERYWHERE
-        known = self.missed == 0 and self.guide is None
-        return (self.body.points, LOOKED_AT * float(middle(self.body.half))) if known else EVERYWHERE
+        return np.vstack([self.body.points, *lines]), LOOKED_AT[self.missed > 0] * float(middle(self.body.half))
 
     def _judged(self, lab: Picture, fit: Fit) -> Fit:
         """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
@@ -265,7 +263,7 @@ class BodyFollower:
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
-        self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
+        self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), self.enlarged)
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first_body, self.stayed = self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
@@ -347,13 +345,15 @@ class BodyFollower:
             return held_to_length(near, covariance, self.known_length, stderr)
         return near, covariance
 
-    def _outlined(self, lab: Picture) -> Iterator[tuple[SeenBody, FloatArray]]:
-        """Where all is that looks like the body, and what that leaves open: as long as when its end was last seen, and as that is."""
-        if self.body.untold:
-            return
-        for line in reached(lab, self.wall, self.last, self.foot, self.pointed_half(), self.known_length):
-            near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
-            yield near.body, self._spread((near.body.length - self.body.length) / self.known_length)
+    def _reached(self, shown: Shown) -> list[FloatArray]:
+        """Where all is that looks like the body: stations as long as when its end was last seen, and as that is."""
+        known = self.foot, self.pointed_half(), self.known_length
+        return [] if self.body.untold else reached(shown, self.shown, self.wall, self.body, *known)
+
+    def _outlined(self, lab: Picture, line: FloatArray) -> tuple[SeenBody, FloatArray]:
+        """The outline along such a line, and what that leaves open."""
+        near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
+        return near.body, self._spread((near.body.length - self.body.length) / self.known_length)
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         end = fit.end[np.isfinite(fit.end)]
@@ -391,7 +391,7 @@ class BodyFollower:
         self.state = as_state(self.camera, self.body, self.work)
         lags = LAGS * (self.lengths[1] - self.lengths[0])
         seen_from = self.seen_from.stderr
-        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.scale))
+        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.picture_scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, lags=lags, pointed=pointed, slipped=slipped,
             mistaken=float(middle(self.first.half)) - self.pointed_half(), turned=float(seen_from[2]),

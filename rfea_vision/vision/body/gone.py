@@ -28,8 +28,9 @@ from rfea_vision.vision.body.model import (
     robust_displacement,
     skin_of,
 )
-from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
-from rfea_vision.vision.body.wall import Wall, covered
+from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike
+from rfea_vision.vision.body.shown import Shown, Window
+from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
@@ -48,7 +49,7 @@ WINDOW_SHARED = 8.0  # of these tell the same: in one window lie some four of a 
 GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
-COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
+COARSE = 2  # times smaller: so small a picture tells where a body of 24 px has gone
 REACHED = 1.5  # times as long as it is: what a body may be, so much of a way is looked at
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
@@ -163,31 +164,44 @@ def held_to_length(body: SeenBody, covariance: FloatArray, length: float, stderr
     return replace(body, points=body.points + shift), covariance - np.outer(gain, stretches)
 
 
-def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px: float, length: float) -> list[FloatArray]:
+def reached(
+    shown: Shown, before: Shown | None, wall: Wall, body: SeenBody, foot: FloatArray, half_px: float, length: float
+) -> list[FloatArray]:
     """Stations (S, 2) px of a body of `length` px on the way through the middle of all that looks like it, from its clamp on.
 
-    `foot` (2, 2) is where the body begins, and the direction in which it leaves. Beyond the end of the way, which falls short of a
-    round cap, or ends where an arm of discs does not hang together, it goes straight on; and then those of one that is as long as the
-    way, where that is longer. Empty where nothing that looks like it hangs together with the clamp.
+    `before` is the picture in which the `body` was found. `foot` (2, 2) is where it begins, and the direction in which it leaves.
+    Beyond the end of the way, which falls short of a round cap, or ends where an arm of discs does not hang together, it goes straight
+    on; and then those of one that is as long as the way, where that is longer. Empty where nothing that looks like it hangs together
+    with the clamp.
     """
-    body, reach, size = last.body, REACHED * length, np.array(picture.shape[1::-1])
-    (left, top), (right, bottom) = (np.clip(foot[0] + sign * reach, 0, size).astype(int) for sign in (-1, 1))
-    window = slice(top, bottom, COARSE), slice(left, right, COARSE)
-    off = np.stack(np.meshgrid(np.arange(left, right, COARSE), np.arange(top, bottom, COARSE)), axis=2) - foot[0]
-    behind = (off @ foot[1] < 0.0) & (np.linalg.norm(off, axis=2) < HELD * half_px)
-    # What looked like it in the last picture, where it was not, is another thing: the arm that holds it, of the same discs.
-    # What is that near to it is its own: a line that lags leaves some of it out.
-    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(0.5 * half_px) + 1,) * 2)
-    own = cv2.dilate(covered(picture.shape, body), near)
-    another = _look_alike(last.lab[window], wall, window, body) & (own[window] == 0)
-    alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind & ~another, dtype=np.uint8)
-    row, column = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top))[::-1] / COARSE).astype(int).tolist()
-    if not (0 <= row < alike.shape[0] and 0 <= column < alike.shape[1]):
+    small, (start, middle) = shown.smaller(COARSE), _smaller(foot[0] + np.array([[0.5 * half_px], [0.0]]) * foot[1])
+    reach = REACHED * length
+    rows, columns = window_around(small.shape, middle[None], reach / COARSE)
+    corner = np.array([columns.start, rows.start])
+    asked = np.ones((rows.stop - rows.start, columns.stop - columns.start), dtype=np.uint8)
+    column, row = np.round(start - corner).astype(int).tolist()
+    if not (0 <= row < asked.shape[0] and 0 <= column < asked.shape[1]):
         return []
-    way = middle_way(np.asarray(cv2.medianBlur(alike, 3), dtype=np.uint8), (row, column), half_px / COARSE)
+    back = float(np.rad2deg(np.arctan2(-foot[1, 1], -foot[1, 0])))
+    axes = (round(HELD * half_px / COARSE),) * 2
+    cv2.ellipse(asked, np.round(middle - corner).astype(int).tolist(), axes, back, -90.0, 90.0, (0,), -1)
+    alike = cv2.medianBlur(_look_alike(small, wall, (rows, columns), body, asked), 3)
+    if not alike[row, column]:
+        return []
+    _, alike, _, (left, top, width, height) = cv2.floodFill(alike, None, (column, row), (2,), flags=8)
+    alike = np.asarray(alike[top : top + height, left : left + width] == 2, dtype=np.uint8)
+    corner += left, top
+    if before is not None:
+        # What looked like it in the last picture, where it was not, is another thing: the arm that holds it, of the same discs.
+        # What is that near to it is its own: a line that lags leaves some of it out.
+        window = slice(corner[1], corner[1] + height), slice(corner[0], corner[0] + width)
+        own = covered(shown.shape, body, 0.5 * half_px)[_larger(window)]
+        another = _look_alike(before.smaller(COARSE), wall, window, body, alike & ~own)
+        alike = np.asarray(cv2.medianBlur(alike & ~another, 3), dtype=np.uint8)
+    way = middle_way(alike, (row - top, column - left), half_px / COARSE)
     if way is None:
         return []
-    way = np.vstack([foot[:1], COARSE * way + (left, top)])
+    way = np.vstack([foot[:1], COARSE * (way + corner + 0.5) - 0.5])
     longer = length < along(way)[-1] < reach
     way = way[along(way) < reach]
     line = smooth_line(np.vstack([way[: -1 : max(len(way) // 60, 1)], way[-1:]]))
@@ -195,13 +209,23 @@ def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px
     return [known, at(line, SHARES * along(line)[-1])] if longer else [known]
 
 
-def _look_alike(picture: Picture, wall: Wall, window: tuple[slice, slice], body: SeenBody) -> NDArray[np.bool_]:
-    """Where (h, w) a window of a picture looks like the body rather than like what is around it, or the wall where that was seen."""
-    colours, apart = picture.astype(np.float32), []
-    for known in (body.inside, body.outside.reshape(-1, 2, 3)):
-        offs = []
-        for mean, variance in known[:: len(known) // PIECES].astype(np.float32):
-            offs.append(np.sum((colours - mean) ** 2 / variance, axis=2) + np.log(variance).sum())
-        apart.append(np.min(offs, axis=0))
-    behind = np.sum((colours - wall.colour[window]) ** 2, axis=2) / WALL_SCATTER**2 + 6.0 * np.log(WALL_SCATTER)
-    return apart[0] < np.where(wall.times[window] >= SEEN, behind, apart[1])
+def _look_alike(small: Shown, wall: Wall, window: Window, body: SeenBody, asked: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """1 where (h, w) a window of a smaller picture looks like the body rather than like the wall.
+
+    Only where that is `asked` (h, w); else 0.
+    """
+    inside, outside = (known[:: len(known) // PIECES] for known in (body.inside, body.outside.reshape(-1, 2, 3)))
+    alike, large = np.empty(asked.shape, dtype=np.uint8), _larger(window)
+    look_alike(small.lab(window), wall.colour[large], wall.times[large], inside, outside, asked, alike)
+    return alike
+
+
+def _smaller(places: FloatArray) -> FloatArray:
+    """Places (n, 2) px of a picture in a smaller one of it."""
+    return (places + 0.5) / COARSE - 0.5
+
+
+def _larger(window: Window) -> Window:
+    """As many pixels of a picture as a window of a smaller one of it has."""
+    rows, columns = (slice(COARSE * part.start, COARSE * part.stop, COARSE) for part in window)
+    return rows, columns

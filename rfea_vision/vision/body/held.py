@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.begin import leaving
-from rfea_vision.vision.body.still import Level, at_scale, sampled, turned_back
+from rfea_vision.vision.body.still import Level, sampled
 
 AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
 AXIS = 1.5  # the less the farther it lies beside the body's axis: there may be wall
@@ -48,12 +48,6 @@ class HeldView:
         self.seen = True  # in the last picture
         self._covariance = np.zeros((3, 3))
 
-    def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
-        """The picture (h, w, 3) as it would be, had what holds the body stayed; nothing of it farther than `reach` px from `places`."""
-        first = self._first is None
-        self.look(picture)
-        return picture if first else turned_back(picture, self.moved, places, reach)
-
     def look(self, picture: NDArray[np.uint8]) -> None:
         """See in a picture (h, w, 3) by how much what holds the body has moved and turned."""
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
@@ -80,10 +74,6 @@ class HeldView:
     def stderr(self) -> FloatArray:
         """Standard errors (3,) of where it is and how it is turned: px, px, rad."""
         return np.sqrt(np.diag(self._covariance))
-
-    def view(self, scale: float) -> FloatArray:
-        """Map (2, 3) from a place in the film's first picture to that in the last one, of pictures seen smaller by `scale`."""
-        return at_scale(self.moved, scale)
 
     def _put(self, pose: FloatArray) -> FloatArray:
         """Where (n, 2) px the places behind the clamp are."""

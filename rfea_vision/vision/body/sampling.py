@@ -292,3 +292,34 @@ def learn_wall(picture, mask, wall, times, top, bottom, left, right):
                 for c in range(3):
                     wall[i, j, c] += gain * (picture[i, j, c] - wall[i, j, c])
                 times[i, j] = min(n, 1000)
+
+
+@compiled
+def look_alike(picture, wall, times, inside, outside, asked, out):
+    """Write to `out` (h, w) whether pixels that are `asked` for look like one of the colours `inside` (n, 2, 3), mean and variance.
+
+    Rather than like one of the colours `outside` (m, 2, 3), or the wall where that was seen; 0 for the others.
+    """
+    own, others = np.empty(inside.shape[0]), np.empty(outside.shape[0])
+    for k in range(own.shape[0]):
+        own[k] = _spread_of(inside[k])
+    for k in range(others.shape[0]):
+        others[k] = _spread_of(outside[k])
+    for i in range(picture.shape[0]):
+        for j in range(picture.shape[1]):
+            out[i, j] = 0
+            if not asked[i, j]:
+                continue
+            if times[i, j] >= SEEN:
+                behind = LOG_IN_LIGHT
+                for c in range(3):
+                    off = picture[i, j, c] - wall[i, j, c]
+                    behind += 0.5 * off * off * IN_LIGHT
+            else:
+                behind = np.inf
+                for k in range(others.shape[0]):
+                    behind = min(behind, _unlike(picture[i, j], outside[k], others[k]))
+            for k in range(own.shape[0]):
+                if _unlike(picture[i, j], inside[k], own[k]) < behind:
+                    out[i, j] = 1
+                    break

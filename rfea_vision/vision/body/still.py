@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import NORMAL
-from rfea_vision.vision.body.wall import window_around
 
 Level = NDArray[np.float32]  # a picture (h, w) of grey levels, blurred
 
@@ -49,20 +48,15 @@ class StillView:
         self._first: list[FloatArray] | None = None  # what the first picture shows at its steepest pixels, at each blur
         self._pose = np.zeros(4)  # px, px, radians and share, about the middle of the picture in which it is seen
         self._drifts = False
-        self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
+        self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one, once that is believed
         self.seen, self.stderr = True, np.zeros(3)  # a camera whose wall is not seen is taken to stay
 
-    def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
-        """The picture (h, w, 3) as it would be, had the camera stayed; nothing of it farther than `reach` px from `places` (n, 2)."""
+    def look(self, picture: NDArray[np.uint8]) -> None:
+        """See in a picture (h, w, 3) by how much the view has moved."""
         if self._first is None:
             self._begin(picture)
         elif len(self._places) >= LEAST_PARTS * LEAST_EACH:
             self._look(self._levels(picture))
-        return turned_back(picture, self.moved, places, reach) if self._drifts else picture
-
-    def view(self, scale: float) -> FloatArray:
-        """Similarity (2, 3) from a place in the film's first picture to that in the last one, of pictures seen smaller by `scale`."""
-        return at_scale(self.moved, scale) if self._drifts else np.eye(2, 3)
 
     def _begin(self, picture: NDArray[np.uint8]) -> None:
         """Choose the pixels by which the wall is known again."""
@@ -121,10 +115,12 @@ class StillView:
         self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
         turn = _similarity(self._pose)
         at = (self._middle + 0.5) / self._less - 0.5
-        self.moved = np.column_stack([turn, self._pose[:2] / self._less + at - turn @ at])
+        map_ = np.column_stack([turn, self._pose[:2] / self._less + at - turn @ at])
         frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
-        farthest = float(np.abs(frame @ self.moved[:, :2].T + self.moved[:, 2] - frame).max())
+        farthest = float(np.abs(frame @ map_[:, :2].T + map_[:, 2] - frame).max())
         self._drifts |= moved >= LEAST_PARTS and farthest > LEAST_PX
+        if self._drifts:
+            self.moved = map_
 
 
 def _similarity(pose: FloatArray) -> FloatArray:
@@ -142,18 +138,6 @@ def sampled(picture: Level, places: FloatArray) -> FloatArray:
     """Grey levels (n,) at places (n, 2) px."""
     x, y = places.T.astype(np.float32)
     return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float).ravel()
-
-
-def turned_back(picture: NDArray[np.uint8], moved: FloatArray, places: FloatArray | None, reach: float) -> NDArray[np.uint8]:
-    """A picture (h, w, 3) from which a map (2, 3) of the first one's places to its own is taken back, within `reach` px of `places`."""
-    window = window_around(picture.shape, np.zeros((1, 2)) if places is None else places, reach)
-    corner = np.array([window[1].start, window[0].start])
-    moved = np.column_stack([moved[:, :2], moved[:, 2] + moved[:, :2] @ corner])
-    turned = np.zeros_like(picture)
-    size = turned[window].shape[1::-1]
-    back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    turned[window] = cv2.warpAffine(picture, moved, size, flags=back, borderMode=cv2.BORDER_REPLICATE)
-    return turned
 
 
 def at_scale(moved: FloatArray, scale: float) -> FloatArray:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.model import ACROSS_INSIDE, Picture, SeenBody, frame_of, middle
 from rfea_vision.vision.body.sampling import SEEN, Behind, learn_wall, read_strip
+from rfea_vision.vision.body.shown import Shown
 
 AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
 RENEWED = 4  # frames after which what shows through is worked out anew
@@ -39,11 +40,11 @@ class Wall:
         """A picture and what is known of the wall in it."""
         return Behind(picture, self.colour, self.times, self.relief)
 
-    def look(self, picture: Picture, places: FloatArray, reach: float) -> Picture:
-        """CIELAB of a picture in BGR, in a window that holds all within `reach` px of `places` (n, 2); nothing elsewhere."""
-        self.window = window_around(picture.shape, places, reach)
-        lab = np.zeros_like(picture)
-        lab[self.window] = cv2.cvtColor(picture[self.window], cv2.COLOR_BGR2LAB)
+    def look(self, shown: Shown, places: FloatArray, reach: float) -> Picture:
+        """CIELAB of a picture, in a window that holds all within `reach` px of `places` (n, 2); nothing elsewhere."""
+        self.window = window_around(shown.shape, places, reach)
+        lab = np.zeros(shown.shape, dtype=np.uint8)
+        lab[self.window] = shown.lab(self.window)
         return lab
 
     def cleared(self, picture: Picture) -> Picture:
@@ -74,12 +75,12 @@ class Wall:
         self._frames += 1
 
 
-def covered(shape: tuple[int, ...], body: SeenBody) -> NDArray[np.uint8]:
-    """1 where (h, w) of a picture of `shape` a body may be, 0 where it is not."""
+def covered(shape: tuple[int, ...], body: SeenBody, around: float = 0.0) -> NDArray[np.uint8]:
+    """1 where (h, w) of a picture of `shape` a body may be, or within `around` px of that, 0 where it is not."""
     mask = np.zeros(shape[:2], dtype=np.uint8)
     tangents, normals = frame_of(body.points)
-    reach = (AROUND[0] * body.half + AROUND[1])[:, None]
-    beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0)
+    reach = (AROUND[0] * body.half + AROUND[1] + around)[:, None]
+    beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0 + around)
     outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
     return np.asarray(cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1), dtype=np.uint8)
 
