@@ -7,15 +7,15 @@ drifts, and H.264. Nothing here is shared with the package, nor with the rendere
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from fractions import Fraction
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
+
+from testing.encoding import encode
 
 PIECES = 500
 
@@ -75,6 +75,16 @@ class Truth:
     px_per_mm: float
     arm: Arm = field(default_factory=Arm)
 
+    @property
+    def half_width_px(self) -> float:
+        """Half the arm's width at rest."""
+        return self.arm.half_width * self.px_per_mm
+
+    @property
+    def length_mm(self) -> float:
+        """Of the arm at rest."""
+        return self.arm.length
+
 
 def centre_line(arm: Arm, bend: float, fullness: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) mm with y down and headings (n,) of an arm bent by `bend` rad, filled by `fullness` of 1."""
@@ -111,15 +121,11 @@ def film(
     notches = rng.uniform(-1, 1, 24)
     warp = _tilted(room)
     fullest = float(np.abs(bends_rad).max())
-    lines, tips = [], []
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=Fraction(rate_Hz).limit_denominator(1000))
-        stream.codec_context.thread_count = 1  # with more, a busy machine encodes another film
-        stream.width, stream.height, stream.pix_fmt = *room.size, "yuv420p"
-        stream.options = {"crf": str(room.crf), "preset": "fast"}
-        for number, bend in enumerate(bends_rad):
-            fullness = abs(float(bend)) / fullest if fullest else 0.0
-            points, heading = centre_line(arm, float(bend), fullness)
+    fullnesses = [abs(float(bend)) / fullest if fullest else 0.0 for bend in bends_rad]
+    shapes = [centre_line(arm, float(bend), full) for bend, full in zip(bends_rad, fullnesses, strict=True)]
+
+    def pictures() -> Iterator[np.ndarray]:
+        for number, ((points, heading), fullness) in enumerate(zip(shapes, fullnesses, strict=True)):
             picture = _shaded(arm, room, wall, skin, notches, points, heading, fullness)
             picture = cv2.warpPerspective(
                 picture, warp, room.size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -132,21 +138,17 @@ def film(
                 )
             picture = cv2.GaussianBlur(picture, (0, 0), room.blur)
             picture = picture * (1 + room.drift * np.sin(0.07 * number)) + rng.normal(0, room.noise, picture.shape)
-            frame = av.VideoFrame.from_ndarray(np.clip(picture, 0, 255).astype(np.uint8), format="rgb24")
-            frame.pts, frame.time_base = number, 1 / Fraction(rate_Hz).limit_denominator(1000)
-            for packet in stream.encode(frame):
-                container.mux(packet)
-            lines.append(_seen(points[np.linspace(0, PIECES - 1, 65).astype(int)], room, warp))
-            tips.append(points[-1] * [1, -1])
-        for packet in stream.encode():
-            container.mux(packet)
-    _, heading = centre_line(arm, float(bends_rad[0]), abs(float(bends_rad[0])) / fullest if fullest else 0.0)
+            yield np.clip(picture, 0, 255).astype(np.uint8)
+
+    encode(path, pictures(), room.size, rate_Hz, room.crf, "fast")
+    lines = [_seen(points[np.linspace(0, PIECES - 1, 65).astype(int)], room, warp) for points, _ in shapes]
+    heading = shapes[0][1]
     across = np.array([np.cos(heading[0]), -np.sin(heading[0])]) * arm.half_width
     clamp = _seen(np.array([-across, across]), room, warp)
     return Truth(
         np.arange(len(bends_rad)) / rate_Hz,
         np.array(lines),
-        np.array(tips),
+        np.array([points[-1] * [1, -1] for points, _ in shapes]),
         tuple(map(tuple, clamp)),
         tuple(lines[0][-1]),
         tuple(map(tuple, lines[0][[16, 32, 48]])),

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track
 from rfea_vision.calibration.projection import plane_mm_to_pixels
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.campaign.resolve import hints_of
 from rfea_vision.campaign.schema import ActuatorPart, CameraPart, ScalePart
 from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.readers.pictures import numbered_pictures, read_grey
@@ -87,16 +88,7 @@ class FilmFile(_Described):
 
     @property
     def hints(self) -> Hints:
-        part = self.camera
-        return Hints(
-            clamp=part.clamp,
-            tip=part.tip,
-            centre_line=tuple(part.centre_line or ()),
-            region=part.region,
-            exclude=tuple(part.exclude or ()),
-            colour=part.colour,
-            marks=part.marks,
-        )
+        return hints_of(self.camera)
 
     @property
     def tube(self) -> Actuator:
@@ -195,6 +187,10 @@ class Ends:
         ahead = places[:, 2] - places[:, 0]
         sigma_px = data["tip_sigma"].values * data.attrs["px_per_mm"]
         return cls(places[:, 3], sigma_px, np.arctan2(ahead[:, 1], ahead[:, 0]))
+
+    def at(self, frames: NDArray[np.int64]) -> Ends:
+        """Those of some frames, by their numbers."""
+        return Ends(self.tip_px[frames], self.sigma_px[frames], self.heading_rad[frames])
 
     @classmethod
     def none(cls, frames: int) -> Ends:

@@ -108,6 +108,12 @@ def _check_scale(part: CameraPart, finder: Finder) -> None:
 def _hints(part: CameraPart, finder: Finder) -> Hints:
     if part.clamp is not None and part.clamp[0] == part.clamp[1]:
         finder.complain("camera.clamp", "its two points are one; give the two edges of the first visible cross-section")
+    masks, keypoints = finder.file("camera.masks", part.masks, folder=True), finder.file("camera.keypoints", part.keypoints)
+    return replace(hints_of(part), masks=masks, keypoints=keypoints)
+
+
+def hints_of(part: CameraPart) -> Hints:
+    """What a person says of the first frame."""
     return Hints(
         clamp=part.clamp,
         tip=part.tip,
@@ -116,8 +122,6 @@ def _hints(part: CameraPart, finder: Finder) -> Hints:
         exclude=tuple(part.exclude or ()),
         colour=part.colour,
         marks=part.marks,
-        masks=finder.file("camera.masks", part.masks, folder=True),
-        keypoints=finder.file("camera.keypoints", part.keypoints),
     )
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 
@@ -16,6 +14,7 @@ from testing.drawn.light import to_srgb
 from testing.drawn.rods import Rod, Window
 from testing.drawn.scene import MARGIN_PX, PIECES, Scene
 from testing.drawn.things import CLAMPS
+from testing.encoding import encode
 
 MOST_LOOKS = 5  # into which an exposure is divided
 
@@ -254,18 +253,5 @@ def _put(blurred: np.ndarray, part: np.ndarray, box: tuple[int, int, int, int], 
 def film(path: Path, scene: Scene) -> Truth:
     """Write a scene's film (mp4) and say what it shows."""
     stage, camera = Stage(scene), scene.camera
-    rate = Fraction(camera.rate_Hz).limit_denominator(1000)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=rate)
-        stream.codec_context.thread_count = 1  # with more, a busy machine encodes another film
-        stream.width, stream.height, stream.pix_fmt = *camera.size, "yuv420p"
-        # x264's assembly encodes the same pictures to another film now and then, from one run to the next.
-        stream.options = {"crf": str(camera.crf), "preset": "veryfast", "x264-params": "no-asm=1"}
-        for number in range(scene.frames):
-            frame = av.VideoFrame.from_ndarray(stage.frame(number), format="rgb24")
-            frame.pts, frame.time_base = number, 1 / rate
-            for packet in stream.encode(frame):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
+    encode(path, map(stage.frame, range(scene.frames)), camera.size, camera.rate_Hz, camera.crf, "veryfast")
     return stage.truth()

@@ -1,13 +1,11 @@
 """A few of the films of benchmarks/drawn_films.py, read by the whole chain as a person would point at them."""
 
-import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Actuator, Hints
-from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from testing.drawn import draw, film, summary
+from testing.pointing import pointed_by_hand
 from testing.real_films import Ends, score
 
 
@@ -21,13 +19,9 @@ def test_a_drawn_film_is_read_to_its_end(seed, holds, error, tmp_path):
     assert holds in summary(scene)
     truth = film(tmp_path / "film.mp4", scene)
     source = open_video(tmp_path / "film.mp4")
-    x, y = np.mean(truth.clamp_px, axis=0)
-    calibration = scaled_by_distance(source.size, [[x, y], [x + 100.0 * truth.px_per_mm, y]], 100.0)
-    half_m = truth.half_width_px / truth.px_per_mm / 1e3
-    actuator = Actuator(outer_radius=half_m, inner_radius=half_m / 2, length=truth.length_mm / 1e3)
-    hints = Hints(clamp=truth.clamp_px, tip=truth.tip_px)
-    track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
+    pointed = pointed_by_hand(truth, source.size)
+    track = track_frames(source, pointed.calibration, pointed.tube, hints=pointed.hints, vertical="image")
     ends = truth.centre_px[:, -1] - truth.centre_px[:, 0] + truth.centre_px[0, 0]
-    found = score(Ends.of(track, calibration, stayed=True), ends, 0.0, truth.half_width_px)
+    found = score(Ends.of(track, pointed.calibration, stayed=True), ends, 0.0, truth.half_width_px)
     assert found.read >= 0.95 * found.frames and found.error < error and found.sure_and_wrong == 0, found
     assert found.covered >= 0.95
