@@ -10,8 +10,10 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.begin import leaving
 from rfea_vision.vision.body.still import Level, sampled
+from rfea_vision.vision.body.wall import window_around
 
 AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
+LOOKED_AT = 6.5  # likewise, about where that may have gone
 AXIS = 1.5  # the less the farther it lies beside the body's axis: there may be wall
 BLURS = 0.3, 0.15, 0.1  # half widths, one after the other: what has moved by more than its details is found without them
 STEPS = 6  # of least squares at each
@@ -50,7 +52,10 @@ class HeldView:
 
     def look(self, picture: NDArray[np.uint8]) -> None:
         """See in a picture (h, w, 3) by how much what holds the body has moved and turned."""
-        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+        near = self._foot + self._pose[:2] + np.outer([0.0, 1.0], self._step[:2])
+        window = window_around(picture.shape, near, LOOKED_AT * self._half)
+        self._corner = np.array([window[1].start, window[0].start])
+        grey = np.asarray(cv2.cvtColor(picture[window], cv2.COLOR_BGR2GRAY), dtype=np.float32)
         blurred = [np.asarray(cv2.GaussianBlur(grey, (0, 0), blur * self._half), dtype=np.float32) for blur in BLURS]
         if self._first is None:
             self._first = [sampled(level, self._put(np.zeros(3))) for level in blurred]
@@ -76,8 +81,8 @@ class HeldView:
         return np.sqrt(np.diag(self._covariance))
 
     def _put(self, pose: FloatArray) -> FloatArray:
-        """Where (n, 2) px the places behind the clamp are."""
-        return self._foot + pose[:2] + self._places @ _turn(pose[2]).T
+        """Where (n, 2) px of what is looked at the places behind the clamp are."""
+        return self._foot - self._corner + pose[:2] + self._places @ _turn(pose[2]).T
 
     def _aligned(self, blurred: list[Level], start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """The pose at which a picture is most like the first one, sought from `start`; how much it is (correlation); its covariance."""

@@ -294,32 +294,44 @@ def learn_wall(picture, mask, wall, times, top, bottom, left, right):
                 times[i, j] = min(n, 1000)
 
 
+@lean
+def _least_unlike(colour, known, spreads, weights):
+    """The least evidence against a colour by known ones (n, 2, 3), from what their variances add (n,) and weigh (n, 3)."""
+    least = np.inf
+    for k in range(known.shape[0]):
+        unlike = spreads[k]
+        for c in range(3):
+            off = colour[c] - known[k, 0, c]
+            unlike += off * off * weights[k, c]
+        least = min(least, unlike)
+    return least
+
+
 @compiled
 def look_alike(picture, wall, times, inside, outside, asked, out):
     """Write to `out` (h, w) whether pixels that are `asked` for look like one of the colours `inside` (n, 2, 3), mean and variance.
 
     Rather than like one of the colours `outside` (m, 2, 3), or the wall where that was seen; 0 for the others.
     """
+    colour = np.empty(3)
     own, others = np.empty(inside.shape[0]), np.empty(outside.shape[0])
     for k in range(own.shape[0]):
         own[k] = _spread_of(inside[k])
     for k in range(others.shape[0]):
         others[k] = _spread_of(outside[k])
+    own_weights, other_weights = 0.5 / inside[:, 1], 0.5 / outside[:, 1]
     for i in range(picture.shape[0]):
         for j in range(picture.shape[1]):
             out[i, j] = 0
             if not asked[i, j]:
                 continue
+            for c in range(3):
+                colour[c] = picture[i, j, c]
             if times[i, j] >= SEEN:
                 behind = LOG_IN_LIGHT
                 for c in range(3):
-                    off = picture[i, j, c] - wall[i, j, c]
+                    off = colour[c] - wall[i, j, c]
                     behind += 0.5 * off * off * IN_LIGHT
             else:
-                behind = np.inf
-                for k in range(others.shape[0]):
-                    behind = min(behind, _unlike(picture[i, j], outside[k], others[k]))
-            for k in range(own.shape[0]):
-                if _unlike(picture[i, j], inside[k], own[k]) < behind:
-                    out[i, j] = 1
-                    break
+                behind = _least_unlike(colour, outside, others, other_weights)
+            out[i, j] = _least_unlike(colour, inside, own, own_weights) < behind

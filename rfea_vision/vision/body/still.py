@@ -61,11 +61,11 @@ class StillView:
     def _begin(self, picture: NDArray[np.uint8]) -> None:
         """Choose the pixels by which the wall is known again."""
         self._size = np.array(picture.shape[1::-1])
-        self._less = min(1.0, float(MOST_PIXELS / np.prod(self._size)) ** 0.5)
+        self._halved = max(int(np.ceil(0.5 * np.log2(np.prod(self._size) / MOST_PIXELS))), 0)
         levels = self._levels(picture)
         steep = np.hypot(*(cv2.Scharr(levels[-1], cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1))))
-        body = np.round((self._line + 0.5) * self._less - 0.5).astype(np.int32)
-        cv2.polylines(steep, [body], False, (0.0,), max(round(2.0 * AROUND * self._half * self._less), 1))
+        body = np.round(self._line / 2**self._halved).astype(np.int32)
+        cv2.polylines(steep, [body], False, (0.0,), max(round(2.0 * AROUND * self._half / 2**self._halved), 1))
         rows, columns = (np.arange(count) * PARTS // count for count in steep.shape)
         part = np.where(steep > STEEP, PARTS * rows[:, None] + columns, -1)
         for border in (part, part[::-1], part.T, part.T[::-1]):
@@ -82,11 +82,10 @@ class StillView:
 
     def _levels(self, picture: NDArray[np.uint8]) -> list[Level]:
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        if self._less < 1.0:
-            grey = cv2.resize(grey, np.round(self._size * self._less).astype(int).tolist(), interpolation=cv2.INTER_AREA)
-        grey = np.asarray(grey, dtype=np.float32)
-        levelled = grey - cv2.blur(grey, (LEVELLED_PX, LEVELLED_PX))
-        return [np.asarray(cv2.GaussianBlur(levelled, (0, 0), blur), dtype=np.float32) for blur in BLURS]
+        for _ in range(self._halved):
+            grey = cv2.pyrDown(grey)  # every second pixel, blurred
+        levelled = grey - cv2.boxFilter(grey, cv2.CV_32F, (LEVELLED_PX, LEVELLED_PX))
+        return [np.asarray(cv2.GaussianBlur(levelled, (int(6.0 * blur) + 1,) * 2, blur), dtype=np.float32) for blur in BLURS]
 
     def _look(self, levels: list[Level]) -> None:
         """Find the similarity by which most of the wall's parts are as they were: robust least squares, from coarse to fine."""
@@ -114,8 +113,8 @@ class StillView:
         moved, stays = int(np.sum(better > RATHER)), int(np.sum(better < -RATHER))
         self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
         turn = _similarity(self._pose)
-        at = (self._middle + 0.5) / self._less - 0.5
-        map_ = np.column_stack([turn, self._pose[:2] / self._less + at - turn @ at])
+        at = self._middle * 2**self._halved
+        map_ = np.column_stack([turn, self._pose[:2] * 2**self._halved + at - turn @ at])
         frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
         farthest = float(np.abs(frame @ map_[:, :2].T + map_[:, 2] - frame).max())
         self._drifts |= moved >= LEAST_PARTS and farthest > LEAST_PX
