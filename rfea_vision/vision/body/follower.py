@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision.body.begin import (
+    END_NEAR,
     SQUARE,
     as_pointed,
+    end_among,
     even,
     first_body,
     held_near,
@@ -78,7 +80,6 @@ OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
-END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 GROWS = 0.2  # of the way that an end has gone since it was pointed at, 1 s.d., chosen: so much a body that bends may have grown unseen
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 SNAPS = 1.0  # half widths from one frame to the next, chosen: what has gone so far is sought anew as well
@@ -237,17 +238,15 @@ class BodyFollower:
                 self.body, unseen = body, left
             if unseen == 0.0:
                 break
-        offsets = self._end_seen(lab, half)
-        seen = offsets[np.isfinite(offsets)]
-        clear = len(seen) > RAYS // 2 and bool(np.abs(np.median(seen)) < END_NEAR * half)
-        if clear:
-            self.body.points[-1] += np.median(seen) * frame_of(self.body.points)[0][-1]
+        beyond, end_px = end_among(self._end_seen(lab, half), half)
+        clear = end_px < END_NEAR * half
+        self.body.points[-1] += beyond * frame_of(self.body.points)[0][-1]
         # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
         doubt, least = SYSTEMATIC * half, float(np.hypot(POINTED_PX * self.scale, POINTED_SHARE * half))
         clicked = pointing(missed_by(self.line, self.body, half, believed=clear), least, doubt)
         self.body.told = told_from_wall(self.body)
         aside = doubt + TURNED * np.clip(self.body.untold - (1.0 - SHARES) * self.body.length, 0.0, None)
-        self.body.points = as_pointed(self.body.points, self.line, half, clicked, aside, doubt if clear else END_NEAR * half)
+        self.body.points = as_pointed(self.body.points, self.line, half, clicked, aside, end_px)
         learn_colours(lab, self.body)
         learn_beyond(lab, self.body)
         offsets = self._end_seen(lab, half)

@@ -24,6 +24,9 @@ SHADOW = 12.0  # likewise, where it is darker than it was: the body throws shado
 # wall's hue, and was taken for more of the muscle; a body of another hue or light is still told from it.
 UMBRA = 5.0
 LEAST_EVIDENCE = 0.35  # mean of the three pixels to either side of an edge
+BLUR, DEEP = 2, 4  # samples, of a pixel: so far to either side a step is blurred, and so far what lies there is read
+PLAIN = (1.0 / 36.0, 1.0 / 9.0, 1.0 / 9.0)  # 1 over the variances of L, a and b on a plain body: `LEAST_VARIANCE`
+LEAST_CONTRAST = 4.0  # two standard deviations, squared
 EDGE_PX = 0.4  # standard error of an edge of full contrast
 RAYS = 7  # along the body through its end
 RAY_REACH = 0.6  # of the half width: the outermost rays
@@ -81,6 +84,8 @@ def _evidence(seen, x, y, inside, outside, body, behind, colour):
     """
     picture, wall, times, relief = seen
     if not _read(picture, x, y, colour):
+        for c in range(3):
+            colour[c] = outside[0, c]
         return -CLIP
     i, j = int(y + 0.5), int(x + 0.5)
     for c in range(3):
@@ -110,7 +115,33 @@ def _evidence(seen, x, y, inside, outside, body, behind, colour):
 
 
 @lean
-def _best_step(evidence, count, expected, spread):
+def _halfway(colours, place, count):
+    """Where (in samples) the step after the sample `place` is half way between the colours (count, 3) on either side of it.
+
+    What is counted there as body or wall depends on how far both vary: bodies that are shaded more than the wall ended a pixel beyond
+    themselves. Tabatabai and Mitchell, Edge location to subpixel values in digital imagery, 1984: an edge that is blurred alike to both
+    sides lies where the sum of what is left of it does.
+    """
+    if place < DEEP or place + 1 + DEEP >= count:
+        return place + 0.5
+    contrast = steps = 0.0
+    for c in range(3):
+        inner = outer = between = 0.0
+        for d in range(BLUR, DEEP + 1):
+            inner += colours[place - d, c] / (DEEP + 1 - BLUR)
+            outer += colours[place + 1 + d, c] / (DEEP + 1 - BLUR)
+        for d in range(1 - BLUR, BLUR + 1):
+            between += colours[place + d, c] - outer
+        weight = PLAIN[c] * (inner - outer)
+        contrast += weight * (inner - outer)
+        steps += weight * between
+    if contrast < LEAST_CONTRAST:
+        return place + 0.5
+    return place + 0.5 + min(max(steps / contrast - BLUR, -1.0), 1.0)
+
+
+@lean
+def _best_step(evidence, count, expected, spread, colours):
     """Place (in samples) of the step from body to wall; its quality, negative where there is none."""
     best, place, total = -1e300, 0, 0.0
     for k in range(count - 1):
@@ -129,8 +160,7 @@ def _best_step(evidence, count, expected, spread):
             outer -= evidence[place + 1 + d]
             no += 1
     quality = min(inner / max(ni, 1), outer / max(no, 1))
-    a, b = evidence[place], evidence[place + 1]
-    at = place + a / (a - b) if a > 0.0 > b else place + 0.5
+    at = _halfway(colours, place, count)
     if place == 0 or place >= count - 2:
         quality = -1.0
     return at, quality
@@ -139,7 +169,7 @@ def _best_step(evidence, count, expected, spread):
 @compiled
 def measure_edges(seen, points, normals, half, inside, outside, reach):
     """Edges to both sides of every station: (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
-    colour, evidence, out = np.empty(3), np.empty(256), np.empty((points.shape[0], 2, 2))
+    colours, evidence, out = np.empty((256, 3)), np.empty(256), np.empty((points.shape[0], 2, 2))
     for s in range(points.shape[0]):
         body = _spread_of(inside[s])
         for side in range(2):
@@ -149,8 +179,8 @@ def measure_edges(seen, points, normals, half, inside, outside, reach):
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                evidence[k] = _evidence(seen, x, y, inside[s], outside[s, side], body, behind, colour)
-            at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach)
+                evidence[k] = _evidence(seen, x, y, inside[s], outside[s, side], body, behind, colours[k])
+            at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach, colours)
             out[s, side, 0] = first + at - half[s]
             out[s, side, 1] = np.inf
             if quality > LEAST_EVIDENCE:
@@ -164,7 +194,7 @@ def measure_end(seen, tip, tangent, half, inside, outside, beyond, reach):
 
     What is there is the wall, or of the colour `beyond` (2, 3) of what is fixed to it.
     """
-    colour, evidence, out = np.empty(3), np.empty(256), np.empty(RAYS)
+    colours, evidence, out = np.empty((256, 3)), np.empty(256), np.empty(RAYS)
     first = -min(reach, 3.0 * half) - half
     count = min(int(2.0 * min(reach, 3.0 * half) + half) + 1, 256)
     body, behind, fixed = _spread_of(inside), _spread_of(outside), _spread_of(beyond)
@@ -174,10 +204,10 @@ def measure_end(seen, tip, tangent, half, inside, outside, beyond, reach):
             d = first + k
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
-            evidence[k] = _evidence(seen, x, y, inside, outside, body, behind, colour)
-            thing = min(_unlike(colour, beyond, fixed), STOPS) - min(_unlike(colour, inside, body), STOPS)
+            evidence[k] = _evidence(seen, x, y, inside, outside, body, behind, colours[k])
+            thing = min(_unlike(colours[k], beyond, fixed), STOPS) - min(_unlike(colours[k], inside, body), STOPS)
             evidence[k] = min(evidence[k], max(thing, -CLIP))
-        at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
+        at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half), colours)
         out[r] = first + at if quality > LEAST_EVIDENCE else np.nan
     return out
 
