@@ -13,10 +13,9 @@ from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.advice import end_like_wall
 from rfea_vision.vision.body.begin import as_pointed, pointing
-from rfea_vision.vision.body.fit import gradual
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import UNIFORMLY, held_to_length
-from rfea_vision.vision.body.model import ALONG_BASIS, SHARES
+from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, gradual
 from rfea_vision.vision.curve import COEFFICIENTS
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.track import follow_body, make_scene

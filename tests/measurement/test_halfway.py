@@ -1,12 +1,16 @@
 """Where edges and ends lie to a part of a pixel, and what an end that was pointed at is known to."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from rfea_vision.vision.body.begin import END_NEAR, END_PLACED, RANGE, end_among
-from rfea_vision.vision.body.model import NOWHERE
+from rfea_vision.vision.body.fit import NORMAL, TURN_ROWS, UNKNOWNS, Evidence
+from rfea_vision.vision.body.model import NOWHERE, SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.sampling import RAYS, Behind, measure_edges, measure_end
+from rfea_vision.vision.body.wall import Wall
 
 SIZE, HALF, LEFT = 80, 12.0, 40.0
 BODY, WALL = np.array([150.0, 140.0, 130.0]), np.array([60.0, 125.0, 128.0])
@@ -60,3 +64,26 @@ def test_rays_that_differ_know_an_end_by_so_much_less():
     assert beyond == 0.0 and stderr == pytest.approx(np.hypot(END_PLACED * HALF, 6.0 / RANGE))
     assert end_among(np.where(np.arange(RAYS) < 3, level, np.nan), HALF) == (0.0, END_NEAR * HALF), "three of seven are not most"
     assert end_among(level + HALF, HALF) == (0.0, END_NEAR * HALF), "it is another thing's"
+
+
+@pytest.mark.parametrize("turned", [-0.2, 0.2])
+def test_a_line_that_has_turned_at_its_straight_end_is_turned_back(turned):
+    """Edges let it: the corners of its end lie as far to either side."""
+    heading = turned * np.clip((SHARES - 0.8) / 0.2, 0.0, 1.0)
+    steps = 60.0 / (STATIONS - 1) * np.column_stack([np.cos(heading), np.sin(heading)])
+    points = np.array([0.0, LEFT]) + np.vstack([[0.0, 0.0], np.cumsum(steps[1:], axis=0)])
+    around = np.tile(np.stack([WALL, PLAIN]), (STATIONS, 2, 1, 1))
+    body = SeenBody(points, np.full(STATIONS, HALF), np.tile(np.stack([BODY, SHADED]), (STATIONS, 1, 1)), around)
+    seen = looked_at(60.0, HALF)
+    wall = Wall(seen.picture.shape, still=True)
+    evidence = Evidence(seen.picture, wall, np.array([points[0], [1.0, 0.0]]), body.half, None, end_offsets=np.zeros(RAYS))
+    matrix, vector = np.eye(UNKNOWNS) * 1e-3, np.zeros(UNKNOWNS)
+    end = evidence.add_end(matrix, vector, body, 10.0)
+    assert np.isfinite(end).all()
+    turn = TURN_ROWS[-1] @ np.linalg.solve(matrix, vector)[NORMAL] / body.length
+    assert turn == pytest.approx(-turned, abs=0.03)
+
+    matrix, vector = np.eye(UNKNOWNS) * 1e-3, np.zeros(UNKNOWNS)
+    round_end = HALF * (np.sqrt(1.0 - np.linspace(-0.6, 0.6, RAYS) ** 2) - 1.0)
+    replace(evidence, end_offsets=round_end).add_end(matrix, vector, body, 10.0)
+    assert not vector[NORMAL].any(), "a round end looks the same wherever the line turns to"

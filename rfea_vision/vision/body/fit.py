@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from statistics import median
 
 import numpy as np
@@ -32,9 +31,10 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     Skin,
     frame_of,
+    gradual,
     middle,
 )
-from rfea_vision.vision.body.sampling import RAYS, match_skin, measure_edges, measure_end, support
+from rfea_vision.vision.body.sampling import RAY_REACH, RAYS, match_skin, measure_edges, measure_end, support
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import basis_matrix
 
@@ -60,7 +60,10 @@ BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its
 LEAST_HELD = 0.05  # chosen: of an edge at the clamp itself, so that no station is without any
 SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
 STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewise
-TURN_ROW = basis_matrix(np.zeros(1), NORMAL_BASIS.shape[1], 1)[0]  # slope of the displacement where the body begins
+TURN_ROWS = basis_matrix(SHARES, NORMAL_BASIS.shape[1], 1)  # slope of the displacement at each station, over the length
+RAYS_AT = RAY_REACH * np.linspace(-1.0, 1.0, RAYS)  # half widths off the line
+STRAIGHT = 0.1  # half widths, chosen: an end whose middle stands out by more is round, and looks the same wherever the line turns
+END_TURNS = 0.1  # rad, 1 s.d., chosen: an end turns with the line
 THIRD, SECOND = np.diff(np.eye(11), n=3, axis=0), np.diff(np.eye(6), n=2, axis=0)
 TO_NORMAL, TO_ALONG, TO_WIDTH = (np.linalg.pinv(basis) for basis in (NORMAL_BASIS, ALONG_BASIS, WIDTH_BASIS))
 THIRD_OF, THIRD_TWICE = THIRD @ TO_NORMAL, THIRD.T @ THIRD
@@ -194,6 +197,9 @@ class Evidence:
             return np.full(RAYS, np.nan)
         end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
         _add_end(matrix, vector, end, body.last, TRUSTED**0.5 if self.marks else 1.0)
+        half, shape = float(body.half[body.last - 3 : body.last + 1].mean()), self.end_offsets
+        if abs(shape[2:5].mean() - shape[[0, -1]].mean()) < STRAIGHT * half:
+            _add_end_turn(matrix, vector, end, body, half)
         return end
 
 
@@ -270,24 +276,6 @@ def off_beside(body: SeenBody, more: FloatArray) -> float:
     return float(np.convolve(apart, window / len(window), "same").max()) * 2.0 * (BESIDE - 1.0) * half
 
 
-def gradual(points: FloatArray, rest: float) -> FloatArray:
-    """Stations on a spline whose spans are no shorter than the half width `rest`: no body bends anew within that.
-
-    Those of a slender body are left as they are.
-    """
-    spans = int(along(points)[-1] / rest)
-    if spans >= NORMAL_BASIS.shape[1]:
-        return points
-    return _onto_spline(3 + max(spans, 1)) @ points
-
-
-@lru_cache
-def _onto_spline(count: int) -> FloatArray:
-    """Stations (S, S) on the spline of so many coefficients that is nearest to them."""
-    basis = basis_matrix(SHARES, count)
-    return basis @ np.linalg.pinv(basis)
-
-
 def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:
     """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
     last, near = body.last, slice(body.last - 2, body.last + 1)
@@ -350,7 +338,7 @@ def _add_clamp(
     gains = rest_half[0] - body.half[0]
     add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0])
     add_row(matrix, vector, ALONG.start, ALONG_BASIS[0], off @ tangent, CLAMP_PX)
-    add_row(matrix, vector, NORMAL.start, TURN_ROW, turn * length, CLAMP_TURNS * length)
+    add_row(matrix, vector, NORMAL.start, TURN_ROWS[0], turn * length, CLAMP_TURNS * length)
     add_row(matrix, vector, WIDTH.start, WIDTH_BASIS[0], gains, CLAMP_SWELLS * rest_half[0])
 
 
@@ -380,6 +368,24 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
     carried = np.linalg.solve(full[UNKNOWNS:, UNKNOWNS:], full[UNKNOWNS:, :UNKNOWNS]).T
     matrix += full[:UNKNOWNS, :UNKNOWNS] - carried @ full[UNKNOWNS:, :UNKNOWNS]
     vector += pull[:UNKNOWNS] - carried @ pull[UNKNOWNS:]
+
+
+def _add_end_turn(matrix: FloatArray, vector: FloatArray, end: FloatArray, body: SeenBody, half: float) -> None:
+    """An end that is cut straight, and seen so by most rays, turns with the body: where it is aslant to the line, this has turned.
+
+    Edges alone let a line turn in its last half width, where the body's corners, and what has swollen to one side, lead them astray.
+    """
+    known = np.isfinite(end)
+    if known.sum() < RAYS - 1:
+        return
+    places, found = half * RAYS_AT[known], end[known]
+    places = places - places.mean()
+    spread = places @ places
+    slope = float(places @ found / spread)
+    off = found - found.mean() - slope * places
+    if np.ptp(off) < 2.0 * STRAIGHT * half:
+        stderr = float(np.hypot(END_TURNS, np.sqrt(off @ off / (len(found) - 2) / spread)))
+        add_row(matrix, vector, NORMAL.start, TURN_ROWS[body.last], -slope * body.length, stderr * body.length)
 
 
 def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray, last: int, share: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -129,6 +130,24 @@ def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     chords = points[AHEAD] - points[BEFORE]
     tangents = chords / np.maximum(np.sqrt(chords[:, :1] ** 2 + chords[:, 1:] ** 2), 1e-9)
     return tangents, tangents[:, ::-1] * LEFTWARDS
+
+
+def gradual(points: FloatArray, rest: float) -> FloatArray:
+    """Stations on a spline whose spans are no shorter than the half width `rest`: no body bends anew within that.
+
+    Those of a slender body are left as they are.
+    """
+    spans = int(along(points)[-1] / rest)
+    if spans >= NORMAL_BASIS.shape[1]:
+        return points
+    return _onto_spline(3 + max(spans, 1)) @ points
+
+
+@lru_cache
+def _onto_spline(count: int) -> FloatArray:
+    """Stations (S, S) on the spline of so many coefficients that is nearest to them."""
+    basis = basis_matrix(SHARES, count)
+    return basis @ np.linalg.pinv(basis)
 
 
 def learn_colours(picture: Picture, body: SeenBody) -> None:
