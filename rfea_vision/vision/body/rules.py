@@ -161,6 +161,12 @@ def _stretch(first: First, where: NDArray[np.bool_]) -> str:
     return f"{' to '.join(ends)} mm from the clamp"
 
 
+def _nothing(first: First, fit: Fit) -> str:
+    """Every stretch of it looks like the body, or shows an edge: a line that has stayed on another thing crosses the wall to it."""
+    where = _stretch(first, ~fit.seen.any(axis=1) & (fit.backing < MOST))
+    return where and f"neither the tube nor an edge of it is seen {where}"
+
+
 def _edges(first: First, fit: Fit) -> str:
     left, right = (float(np.mean(fit.seen[:, side])) for side in (0, 1))
     seen = f"{100 * left:.0f} % of the left edge and {100 * right:.0f} % of the right one are seen"
@@ -209,6 +215,7 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("no_fit", _folded),
     ("no_tube", _wall),
     ("no_tube", _unlike),
+    ("no_tube", _nothing),
     ("no_fit", _short),
     ("edge_lost", _edges),
     ("length_off", _length),
