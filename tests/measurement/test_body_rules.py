@@ -159,6 +159,18 @@ def test_a_line_that_turns_within_its_width_is_folded_and_where_is_said():
     assert thin == "" and re.fullmatch(r"no_fit: the line that fits is folded, (3[5-9]|4[0-5]) mm from the clamp", wide)
 
 
+def test_a_line_that_crosses_the_wall_to_another_thing_is_refused_and_where_is_said():
+    line = 60.0 + np.column_stack([200.0 * SHARES, 0.0 * SHARES])
+    body = first_body(np.zeros((300, 300, 3), np.uint8), line, 8.0)
+    first = First(200.0, body.half, (300, 300), 100.0, 2.0, None, as_first(body))
+    crossing = (SHARES > 0.5) & (SHARES < 0.65)
+    nothing, edged = as_first(body), as_first(body)
+    nothing.backing[crossing], nothing.seen[crossing] = 0.2, False
+    edged.backing[crossing] = 0.2
+    assert re.fullmatch(r"no_tube: neither the tube nor an edge of it is seen 5[0-3] to 6[3-5] mm from the clamp", refused(first, nothing))
+    assert refused(first, edged) == "", "a stretch of another colour that has its edges is the body's"
+
+
 def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
     narrow[:, 68:92] = (200, 120, 140)
