@@ -167,7 +167,8 @@ def test_a_line_that_crosses_the_wall_to_another_thing_is_refused_and_where_is_s
     nothing, edged = as_first(body), as_first(body)
     nothing.backing[crossing], nothing.seen[crossing] = 0.2, False
     edged.backing[crossing] = 0.2
-    assert re.fullmatch(r"no_tube: neither the tube nor an edge of it is seen 5[0-3] to 6[3-5] mm from the clamp", refused(first, nothing))
+    said = refused(first, nothing)
+    assert re.fullmatch(r"no_tube: neither the tube nor an edge of it is seen 5[0-3] to 6[3-5] mm from the clamp", said)
     assert refused(first, edged) == "", "a stretch of another colour that has its edges is the body's"
 
 
