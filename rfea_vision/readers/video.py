@@ -36,6 +36,7 @@ from rfea_vision.readers.tables import read_table
 
 Luma = NDArray[np.uint8]
 MOST_PIXELS = 1 << 28  # of one picture; a phone's 200 megapixels are less
+BT2020 = 9  # a matrix of colours, by its number in ITU-T H.273: that without constant luminance
 _CONTAINERS = (
     "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "asf", "flv",
     "ogg", "nut", "h264", "hevc", "mxf", "ivf", "yuv4mpegpipe", "mjpeg", "dv", "gif",
@@ -126,7 +127,11 @@ class VideoSource(FrameSource):
         for time, frame in self._decoded(0):
             size = [max(round(scale * side), 2) for side in (frame.width, frame.height)]
             how = "AREA" if scale < 1.0 else "BICUBIC"
-            small = np.asarray(frame.reformat(*size, format="bgr24", interpolation=how).to_ndarray(), dtype=np.uint8)
+            try:
+                small = frame.reformat(*size, format="bgr24", interpolation=how)
+            except FFmpegError:  # of a film whose matrix of colours FFmpeg reads, but does not turn into another
+                small = frame.reformat(*size, format="bgr24", interpolation=how, src_colorspace=BT2020)
+            small = np.asarray(small.to_ndarray(), dtype=np.uint8)
             yield time, np.ascontiguousarray(np.rot90(small, self.quarter_turns) if self.quarter_turns else small)
 
     def _decoded(self, start_frame: int) -> Generator[tuple[float, av.VideoFrame], None, None]:

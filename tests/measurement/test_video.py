@@ -149,6 +149,19 @@ def test_pictures_are_listed_in_any_table_or_in_none(tmp_path, text):
         open_frames(tmp_path, None)
 
 
+@pytest.mark.parametrize("matrix", ["bt2020c", "bt709"])
+def test_a_film_is_read_in_colour_whatever_matrix_it_names(tmp_path, matrix):
+    """FFmpeg turns none of constant luminance into another; a phone's film had ended in its words."""
+    path = tmp_path / "hdr.mp4"
+    blue = np.full((48, 64, 3), (200, 60, 40), np.uint8)
+    with av.open(path, "w") as container:
+        stream = container.add_stream("libx264", 30, options={"x264-params": f"colormatrix={matrix}"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        container.mux([*stream.encode(av.VideoFrame.from_ndarray(blue, format="bgr24")), *stream.encode()])
+    ((_, seen),) = open_video(path).colours()
+    assert np.abs(seen.mean(axis=(0, 1)) - (200, 60, 40)).max() < 25
+
+
 def test_broken_files_are_named(tmp_path):
     with pytest.raises(InputError, match="not found"):
         open_video(tmp_path / "none.mp4")
