@@ -197,7 +197,7 @@ class Evidence:
             return np.full(RAYS, np.nan)
         end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
         _add_end(matrix, vector, end, body.last, TRUSTED**0.5 if self.marks else 1.0)
-        half, shape = float(body.half[body.last - 3 : body.last + 1].mean()), self.end_offsets
+        half, shape = body.end_half, self.end_offsets
         if abs(shape[2:5].mean() - shape[[0, -1]].mean()) < STRAIGHT * half:
             _add_end_turn(matrix, vector, end, body, half)
         return end
@@ -260,7 +260,7 @@ def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
     both = np.isfinite(edges[:, :, 1]).all(axis=1) & body.told
     left, right = np.where(both[:, None], edges[:, :, 0], 0.0).T
     off = np.where(both, 0.5 * (left - right) - moved, 0.0)
-    window = np.ones(min(max(round(2.0 * float(middle(body.half)) / body.length * STATIONS), 3), STATIONS))
+    window = np.ones(body.width_in_stations)
     seen = np.maximum(np.convolve(both, window, "same"), 0.5 * len(window))  # a few alone tell little
     return float(np.abs(np.convolve(off, window, "same") / seen).max())
 
@@ -272,7 +272,7 @@ def off_beside(body: SeenBody, more: FloatArray) -> float:
     """
     half = float(middle(body.half))
     apart = np.abs(np.nan_to_num(more[:, 0] - more[:, 1]))
-    window = np.ones(min(max(round(2.0 * half / body.length * STATIONS), 3), STATIONS))
+    window = np.ones(body.width_in_stations)
     return float(np.convolve(apart, window / len(window), "same").max()) * 2.0 * (BESIDE - 1.0) * half
 
 
@@ -280,8 +280,8 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
     """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
     last, near = body.last, slice(body.last - 2, body.last + 1)
     inside, outside = body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1))
-    half, tangent = body.half[last - 3 : last + 1].mean(), frame_of(body.points)[0][last]
-    return measure_end(wall.behind(picture), body.points[last], tangent, half, inside, outside, body.beyond, reach)
+    tangent = frame_of(body.points)[0][last]
+    return measure_end(wall.behind(picture), body.points[last], tangent, body.end_half, inside, outside, body.beyond, reach)
 
 
 def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:
@@ -298,7 +298,7 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
         beside[side] = support(behind, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY)
         beside[side, body.elsewhere_on(points)] = np.nan
     last = np.full(len(BEYOND), body.last)
-    half = np.full(len(BEYOND), body.half[body.last - 3 : body.last + 1].mean())
+    half = np.full(len(BEYOND), body.end_half)
     points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
     # At the very end half of what was read may lie beyond it, and a half width before that discs may have a gap.
     like = (last, np.maximum(last - np.ceil(half / body.length * STATIONS).astype(int), 0))

@@ -44,7 +44,7 @@ from rfea_vision.vision.body.fit import (
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.known import LAGS, POINTED_PX, TURNED, as_state, end_variance, fill_numbers
+from rfea_vision.vision.body.known import LAGS, POINTED_PX, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     SHARES,
@@ -245,8 +245,7 @@ class BodyFollower:
         doubt, least = SYSTEMATIC * half, float(np.hypot(POINTED_PX * self.scale, POINTED_SHARE * half))
         clicked = pointing(missed_by(self.line, self.body, half, believed=clear), least, doubt)
         self.body.told = told_from_wall(self.body)
-        aside = doubt + TURNED * np.clip(self.body.untold - (1.0 - SHARES) * self.body.length, 0.0, None)
-        self.body.points = as_pointed(self.body.points, self.line, half, clicked, aside, end_px)
+        self.body.points = as_pointed(self.body.points, self.line, half, clicked, doubt + self.body.strays, end_px)
         learn_colours(lab, self.body)
         learn_beyond(lab, self.body)
         offsets = self._end_seen(lab, half)

@@ -8,14 +8,13 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
 from rfea_vision.vision.body.fit import ALONG, NORMAL, SYSTEMATIC, WIDTH, Fit
-from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, WIDTH_BASIS, SeenBody, middle
+from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, TURNED, WIDTH_BASIS, SeenBody, middle
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
 from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
 POINTED_PX = 1.0  # how well a person points at best, in px of the film
-TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 
 _TO_LINE = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS))
@@ -83,9 +82,8 @@ def fill_numbers(
     work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * seen
     work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * seen
     work.covariance[np.diag_indices(len(work.covariance))] += floor
-    aside = _TO_LINE @ (TURNED * np.clip(fit.body.untold - (1.0 - SHARES) * fit.body.length, 0.0, None))
-    work.covariance[:k, :k] += np.outer(aside, aside) * mm2
-    aside = _TO_LINE @ (turned * SHARES * fit.body.length)
-    work.covariance[:k, :k] += np.outer(aside, aside) * mm2
+    for strays in (fit.body.strays, turned * SHARES * fit.body.length):
+        aside = _TO_LINE @ strays
+        work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     along = end_variance(fit.covariance, lags) + slipped + (TURNED * fit.body.untold) ** 2
     numbers["tip_variance"] = along * mm2 + floor + (pointed * scale) ** 2 * mm2

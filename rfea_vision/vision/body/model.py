@@ -34,6 +34,7 @@ ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is near
 # Standard deviations of the picture, chosen. Of 24 drawn bodies whose last fifth is the wall's or hardly covers it, 9 stations and more
 # are so at the end (of one 3), of 20 other films none but three of clear silicone with a taped end (4, 8, 8) and two real ones (6).
 SAME_COLOUR = 2.0
+TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 CLEAR = 3.0  # standard deviations between two colours that are never confused
 LEFT = 9.0  # times less, squared: chosen, a third of what tells the body from what is around it
 INNER = 0.5  # half widths off the line: what lies farther out is read with an edge
@@ -86,6 +87,21 @@ class SeenBody:
     def untold(self) -> float:
         """Length, px, of an end most of which cannot be told from the wall."""
         return self.length * (STATIONS - 1 - self.last) / STATIONS
+
+    @property
+    def strays(self) -> FloatArray:
+        """How far (S,) px such an end may lie aside, 1 s.d.: from where it can be told on it may turn."""
+        return TURNED * np.clip(self.untold - (1.0 - SHARES) * self.length, 0.0, None)
+
+    @property
+    def end_half(self) -> float:
+        """Half width, px, of the last stations that can be told from the wall."""
+        return float(self.half[self.last - 3 : self.last + 1].mean())
+
+    @property
+    def width_in_stations(self) -> int:
+        """How many stations a body width is long: three at least, for fewer tell little."""
+        return min(max(round(2.0 * float(middle(self.half)) / self.length * STATIONS), 3), STATIONS)
 
     def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
         """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""
@@ -159,7 +175,7 @@ def learn_colours(picture: Picture, body: SeenBody) -> None:
 
 def learn_beyond(picture: Picture, body: SeenBody) -> None:
     """Read the colour of what is fixed to the end of a body, where it is neither the body's there nor that of what is around it."""
-    near, half = slice(body.last - 2, body.last + 1), float(body.half[body.last - 3 : body.last + 1].mean())
+    near, half = slice(body.last - 2, body.last + 1), body.end_half
     tangent, normal = (part[body.last] for part in frame_of(body.points))
     places = body.points[body.last] + (BEYOND_END * half)[:, None] * tangent
     normals, halves = np.tile(normal, (len(places), 1)), np.full(len(places), half)

@@ -92,11 +92,10 @@ def _elsewhere(first: First, fit: Fit) -> str:
 
 def _beyond(first: First, fit: Fit) -> str:
     """The end is measured only where the body reaches to it."""
-    width = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
     # A dot that is stuck on the end looks like nothing of the body, but has its edges. Of a line that had left a fish's thin tail a
     # third of the last fifth at most was like it.
     there = np.maximum(fit.backing, fit.seen.all(axis=1))[: fit.body.last + 1]
-    for count, part in ((width, "body width"), (STATIONS // PIECES, "fifth")):
+    for count, part in ((fit.body.width_in_stations, "body width"), (STATIONS // PIECES, "fifth")):
         share = float(np.mean(there[-count:]))
         if share < MOST:
             return f"{100 * share:.0f} % of the last {part} looks like the tube, or has its edges"
