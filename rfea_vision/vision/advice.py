@@ -206,6 +206,16 @@ def end_like_wall(follower: Follower | BodyFollower) -> str:
     )
 
 
+def end_guessed(follower: Follower | BodyFollower) -> str:
+    """Say that in most frames nothing shows where a body ends, and what would; empty where something does."""
+    if not isinstance(follower, BodyFollower) or 2 * follower.guessed <= follower.good:
+        return ""
+    return (
+        "nothing shows how long the tube is in most frames: its end is not seen, and it looks alike all along; its tip is known by "
+        "so much less; stick a mark of another colour near its tip"
+    )
+
+
 def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     """Say that what holds the tube has moved up to where frames were refused: no hint mends that. Empty where it rests."""
     if scene.clamp_px is None or _left_picture(reasons):

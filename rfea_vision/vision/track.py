@@ -22,6 +22,7 @@ from rfea_vision.vision.advice import (
     READ,
     base_moved,
     clicked_aside,
+    end_guessed,
     end_like_wall,
     moves_elsewhere,
     next_hint,
@@ -114,7 +115,7 @@ def track_frames(
     if told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
         raise DataError(f"{source.path}: {told}")
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
-    if told := _misplaced(source, scene, follower, rows) or end_like_wall(follower):
+    if told := _misplaced(source, scene, follower, rows) or end_like_wall(follower) or end_guessed(follower):
         said.append(told)
     elif rows.share < READ and not said:
         said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))

@@ -151,11 +151,26 @@ def test_that_rubber_stretches_is_no_noise_of_its_length(tmp_path):
     calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
     track = track_frames(source, calibration, scene.actuator, hints=scene.hints, vertical="image")
     assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() > 0.9
-    assert track.dataset.attrs["edge_correlation_inflation"] == 1.0
+    assert track.dataset.attrs["edge_correlation_inflation"] == 1.0 and "nothing shows" not in track.dataset.attrs.get("advice", "")
     said = track.dataset.attrs["length_check"]
     assert "as one that stretches does" in said and "suspect" not in said
     off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
     assert np.nanmax(np.abs(off) / track.dataset["tip_sigma"].values) < 3.0
+
+
+def test_smooth_rubber_that_runs_on_beyond_its_end_is_known_by_so_much_less_and_told_what_would_help(tmp_path):
+    """A braided muscle let off by a third before its hose of the same colour: its line stayed as long as it was, and was sure of it."""
+    rng, lengths = np.random.default_rng(3), np.r_[110.0, 110.0, np.linspace(110.0, 85.0, 10)]
+    for k in range(len(lengths)):
+        picture = drawn(middle_of(0.05, 140.0), np.full(65, HALF)).astype(float)
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8))
+    scene, source = follower_of(middle_of(0.04, lengths[0])).scene, open_frames(tmp_path, None, 20.0)
+    calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
+    data = track_frames(source, calibration, scene.actuator, hints=scene.hints, vertical="image").dataset
+    off = data["tip"].values - np.array([(middle_of(0.04, length)[-1] - FOOT) * [1, -1] for length in lengths])
+    assert data.attrs["followed_by"] == "body" and np.abs(off[-1]).max() > 15.0, "nothing shows that it has shortened"
+    assert np.all(np.abs(off) < 3.0 * data["tip_sigma"].values)
+    assert data.attrs["advice"].endswith("stick a mark of another colour near its tip")
 
 
 def test_ribbed_rubber_is_as_long_as_its_first_skin_says_where_flow_has_lost_it():

@@ -64,7 +64,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
     told_from_wall,
 )
-from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
+from rfea_vision.vision.body.rules import First, elsewhere, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView, at_scale
@@ -91,7 +91,7 @@ EVERYWHERE = np.zeros((1, 2)), np.inf
 FLOW_MISSES = 0.05
 POINTED_SHARE = 0.05  # of the half width, 1 s.d., chosen: the middle of a wide body is not pointed at to the pixel
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
-LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
+LENGTH_SPREAD = 0.1  # how well the length is known when the first frame is searched, and while nothing tells it: rubber grows
 
 
 class BodyFollower:
@@ -124,7 +124,7 @@ class BodyFollower:
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
-        self.good, self.missed, self.frame = 0, 0, -1
+        self.good, self.missed, self.guessed, self.frame = 0, 0, 0, -1  # guessed: in which nothing has told how long it is
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was where its end was seen
         self.refusal, self.moved_px = "", 0.0  # by the last frame, where it moved most
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
@@ -332,7 +332,7 @@ class BodyFollower:
         near, told, carried = flown(self.last, lab, self.wall, self.foot[0])
         told[ALONG, ALONG] *= TRUSTED
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
-            near = as_long(lab, self.wall, near, self.skin.colours, np.array(LENGTHS) * self.first.length)
+            near, _ = as_long(lab, self.wall, near, self.skin.colours, self.first.length)
             spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
         covariance = np.asarray(np.linalg.inv(np.linalg.inv(spread) + told), dtype=float)
         gone = TO_NORMAL @ np.sum((near.points - last.points) * frame_of(last.points)[1], axis=1)
@@ -363,8 +363,11 @@ class BodyFollower:
         beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
         if self.good and self.end_offsets is None:
-            gone = float(np.linalg.norm(fit.body.points[-1] - self.first_body.points[-1]))
-            slipped += 1.0 / (fit.shown + 1.0 / max(beyond * GROWS * gone, 1e-3) ** 2)
+            _, told = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
+            self.guessed += not told and not fit.material
+            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.first_body.points[-1]))
+            grown = float(np.hypot(grown, 0.0 if told else LENGTH_SPREAD * fit.body.length))
+            slipped += 1.0 / (told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
         slipped += float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0  # rays, or what was carried, are off by that
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
@@ -388,11 +391,10 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
         lags = LAGS * (self.lengths[1] - self.lengths[0])
-        seen_from = self.seen_from.stderr
-        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.picture_scale))
+        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.seen_from.stderr[:2]) / self.picture_scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, lags=lags, pointed=pointed, slipped=slipped,
-            mistaken=float(middle(self.first.half)) - self.pointed_half(), turned=float(seen_from[2]),
+            mistaken=float(middle(self.first.half)) - self.pointed_half(), turned=float(self.seen_from.stderr[2]),
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

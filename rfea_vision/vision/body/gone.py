@@ -28,6 +28,7 @@ from rfea_vision.vision.body.model import (
     robust_displacement,
     skin_of,
 )
+from rfea_vision.vision.body.rules import LENGTHS
 from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike
 from rfea_vision.vision.body.shown import Shown, Window
 from rfea_vision.vision.body.wall import Wall, covered, window_around
@@ -45,6 +46,7 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 # Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
 # differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
+GRAIN = 1.5  # grey levels, chosen: noise, which compression may leave where it was for many pictures, tells nothing of a length
 WINDOW_SHARED = 8.0  # of these tell the same: in one window lie some four of a body of 65 stations, 2 to 8 px apart
 GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
@@ -101,18 +103,22 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     return ways[int(drawn < evenly)], told, float(known.sum() / textured.sum()) if textured.any() else 1.0
 
 
-def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, lengths: FloatArray) -> SeenBody:
+def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, length: float) -> tuple[SeenBody, bool]:
     """The body stretched evenly along its line, or straight on beyond it, to where it looks most like a skin (S, V, 3) of before.
 
-    Of `lengths` (2,) px from the one to the other; as it was where none of them stands out, for ribs look alike.
+    To any of `LENGTHS` of its `length` px then; as it is where none of them stands out, for ribs look alike, and smooth skin does.
+    And whether its skin tells how long it is: no other length looks nearly as much like it.
     """
-    tried, shown = np.linspace(lengths[0], lengths[1], LENGTHS_TRIED), wall.cleared(picture)
-    line = np.vstack([body.points, body.points[-1] + lengths[1] * frame_of(body.points)[0][-1]])
+    tried, shown = np.append(length * np.linspace(*LENGTHS, LENGTHS_TRIED), body.length), wall.cleared(picture)
+    line = np.vstack([body.points, body.points[-1] + tried.max() * frame_of(body.points)[0][-1]])
     ways = [replace(body, points=at(line, SHARES * length)) for length in tried]
-    unlike = np.array([_unlike(skin_of(shown, way)[body.told], skin[body.told]) for way in ways])
+    unlike = GRAIN + np.array([_unlike(skin_of(shown, way)[body.told], skin[body.told]) for way in ways])
+
+    def stands_out(one: int) -> bool:
+        return bool(unlike[one] < CLEARLY * unlike[np.abs(tried / tried[one] - 1.0) > ANOTHER_LENGTH].min())
+
     best = int(np.argmin(unlike))
-    others = unlike[np.abs(tried / tried[best] - 1.0) > ANOTHER_LENGTH]
-    return ways[best] if unlike[best] < CLEARLY * others.min() else body
+    return ways[best] if stands_out(best) else body, stands_out(LENGTHS_TRIED)
 
 
 def _unlike(skin: FloatArray, before: FloatArray) -> float:
