@@ -178,3 +178,22 @@ def test_what_lies_beside_the_body_is_no_mark():
     rgb[60:74, 69:78] = RED  # behind the arm, whose right edge is at 70: a column of it lies within the outline
     marked = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB))
     assert len(find_marks(marked, arm(), None)) == len(find_marks(picture(), arm(), None))
+
+
+def test_a_cap_as_wide_as_the_body_holds_it_along_itself_alone():
+    """Its lit side is paler than it is, so that the middle of its colour goes to the other one: the line had gone with that."""
+
+    def capped(lit: int) -> np.ndarray:
+        lab = picture()
+        lab[140:180, 50:70], lab[140:180, 70 - lit : 70] = lab_of(GREEN), lab_of((145, 160, 160))
+        return lab
+
+    body, wall = arm(), Wall(picture().shape)
+    marks = [mark for mark in find_marks(capped(0), body, None) if mark.share > 0.7]
+    assert [mark.wide for mark in marks] == [True] and not any(mark.wide for mark in find_marks(picture(), body, None))
+    found = marks_in(capped(6), marks, body, wall)
+    assert found[0].place[0] < 57.5
+    evidence = Evidence(capped(6), wall, np.array([body.points[0], [0.0, 1.0]]), np.full(STATIONS, 10.0), None, marks=found)
+    fit = fit_body(evidence, body, 1e2 * np.eye(UNKNOWNS), 8.0)
+    assert np.abs(fit.body.points[50:, 0] - 59.5).max() < 0.5
+    assert fit.body.points[-1, 1] == pytest.approx(180.0, abs=1.0)

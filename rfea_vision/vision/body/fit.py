@@ -349,7 +349,8 @@ def _add_marks(
     for seen in marks:
         near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
         off, stderr = seen.place - place_of(seen.mark, body), TRUSTED**0.5 * seen.stderr
-        add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], stderr)
+        if not seen.mark.wide:
+            add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], stderr)
         add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], stderr)
 
 

@@ -41,6 +41,7 @@ class Mark:
     Attributes
     ----------
     share, across : of the length, and half widths from the centre line
+    wide : as wide as the body: a cap, whose colour tells no more of where it is across the body than its edges do
     colour, around : a and b (2,) of the mark, and of the body
     area : px
     """
@@ -50,6 +51,7 @@ class Mark:
     colour: FloatArray
     around: FloatArray
     area: float
+    wide: bool
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         share, across = place_on(place, body)
         beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip.
         if share >= 0.0 and beyond < 1.0 and abs(across) < 1.0:  # what lies beside the body is another thing, or the wall
-            marks.setdefault((share, across), Mark(share, across, colour, own, area))
+            marks.setdefault((share, across), Mark(share, across, colour, own, area, area > (2.0 * float(middle(body.half))) ** 2))
     return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
 
