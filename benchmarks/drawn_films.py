@@ -2,7 +2,7 @@
 
 Many actuators, rooms, lights and cameras, all of a film from its seed: ``DRAWN_FILMS`` names the seeds, such as ``0-59`` (the default),
 two films at a time. Each is given what a person points at in its first frame: the clamp's two edges (1 px of error, 1 s.d.), the tip
-(1.5 px), and a ruler of 100 mm. The error is that of the tip as it is seen from the clamp, over its range, in the frames in which the
+(1.5 px), and a ruler of 100 mm. The error is that of the tip, had the camera stood, over its range, in the frames in which the
 end is in the picture with nothing before it.
 
 Seeds from 1000 on were looked at while the hand was written, and 1020 to 1079 while the tracker was worked on; 0 to 59 were run once,
@@ -36,8 +36,7 @@ def follow(seed: int) -> tuple[str, Outcome]:
         truth = film(path, scene)
         source = open_video(path)
         pointed = pointed_by_hand(truth, source.size, np.random.default_rng(seed))
-        ends = truth.centre_px[:, -1] - truth.centre_px[:, 0] + truth.centre_px[0, 0]
-        ends = np.where(np.asarray(truth.visible)[:, None], ends, np.nan)
+        ends = np.where(np.asarray(truth.visible)[:, None], truth.ends_px, np.nan)
         return summary(scene), followed(source, pointed, ends, 0.0, truth.half_width_px, stayed=True)
 
 

@@ -25,6 +25,7 @@ class Truth:
 
     times_s: np.ndarray
     centre_px: np.ndarray  # (t, 65, 2), from the clamp's face to the middle of the end's
+    ends_px: np.ndarray  # (t, 2), the middle of the end's, had the camera stood as in the first frame
     tip_px: tuple[float, float]  # in the first frame, as all that follows
     clamp_px: tuple[tuple[float, float], tuple[float, float]]  # the body's edges where it leaves the clamp
     middle_px: tuple[tuple[float, float], ...]  # three points on the body between clamp and tip
@@ -227,6 +228,7 @@ class Stage:
         return Truth(
             times_s=np.arange(scene.frames) / scene.camera.rate_Hz,
             centre_px=centre,
+            ends_px=rods.through(self.view, np.array([scene.pose(k).line[-1] for k in frames])),
             tip_px=(float(tip[0]), float(tip[1])),
             clamp_px=((float(edges[0, 0]), float(edges[0, 1])), (float(edges[1, 0]), float(edges[1, 1]))),
             middle_px=tuple((float(x), float(y)) for x, y in middle),

@@ -21,7 +21,6 @@ def test_a_drawn_film_is_read_to_its_end(seed, holds, error, tmp_path):
     source = open_video(tmp_path / "film.mp4")
     pointed = pointed_by_hand(truth, source.size)
     track = track_frames(source, pointed.calibration, pointed.tube, hints=pointed.hints, vertical="image")
-    ends = truth.centre_px[:, -1] - truth.centre_px[:, 0] + truth.centre_px[0, 0]
-    found = score(Ends.of(track, pointed.calibration, stayed=True), ends, 0.0, truth.half_width_px)
+    found = score(Ends.of(track, pointed.calibration, stayed=True), truth.ends_px, 0.0, truth.half_width_px)
     assert found.read >= 0.95 * found.frames and found.error < error and found.sure_and_wrong == 0, found
     assert found.covered >= 0.95
