@@ -69,9 +69,14 @@ def basis_matrix(u: FloatArray, count: int, derivative: int = 0) -> FloatArray:
     return np.asarray(BSpline(knots, np.eye(count), 3)(np.asarray(u, dtype=float), derivative), dtype=float)
 
 
+def points_on(coefficients: FloatArray, u: FloatArray, derivative: int = 0) -> FloatArray:
+    """Points (..., len(u), 2) of curves (..., K, 2), or a derivative of these with respect to u."""
+    return np.matmul(basis_matrix(u, coefficients.shape[-2], derivative), coefficients)
+
+
 def tangents(coefficients: FloatArray, u: FloatArray) -> FloatArray:
     """Unit tangents (..., len(u), 2) of curves (..., K, 2)."""
-    slope = np.matmul(basis_matrix(u, coefficients.shape[-2], 1), coefficients)
+    slope = points_on(coefficients, u, 1)
     return slope / np.linalg.norm(slope, axis=-1, keepdims=True)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, basis_matrix, tangents
+from rfea_vision.lines import from_down
+from rfea_vision.vision.curve import VERTEX_U, points_on, tangents
 
 
 def angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
     """Unwrapped tangent angle at `u` in the plane frame, from straight down, positive towards the bend, (t, len(u))."""
-    slope = np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients)
-    return np.unwrap(np.arctan2(-sign * slope[..., 0], -slope[..., 1]), axis=1)
+    return np.unwrap(from_down(points_on(coefficients, u, 1), sign), axis=1)
 
 
 def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -> tuple[FloatArray, FloatArray]:
@@ -35,12 +35,10 @@ def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -
 
 def elongation_of(segments, coefficients, sign, variance, length, radius, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
-    slope = np.matmul(basis_matrix(np.linspace(0, 1, VERTICES), COEFFICIENTS, 1), coefficients)
-    out, hinge = _centre_over_hinge(slope, sign * radius, segments)
+    out, hinge = _centre_over_hinge(points_on(coefficients, VERTEX_U, 1), sign * radius, segments)
     step = hinge[:, None] / segments
     noise = radius * np.sqrt(variance) / length[:, None] / step
     joints = np.linspace(0, 1, segments + 1)
-    places = np.matmul(basis_matrix(joints, COEFFICIENTS), coefficients)
-    turning = np.diff(calibrated.rotation(places, tangents(coefficients, joints)), axis=-1)
+    turning = np.diff(calibrated.rotation(points_on(coefficients, joints), tangents(coefficients, joints)), axis=-1)
     systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)
     return out, noise, np.sqrt(noise**2 + systematic), hinge

@@ -54,28 +54,20 @@ class Rows:
     def __len__(self) -> int:
         return len(self.reasons)
 
-    def good_ones(self, name: str, column: int | None = None) -> NDArray[Any]:
-        """One quantity, or one column of it, of all good frames, copied."""
-        return self._gathered(name, column, self.valid)
+    def good_ones(self, name: str) -> NDArray[Any]:
+        """One quantity of all good frames, copied."""
+        return self.of_all(name)[self.valid]
 
     def of_all(self, name: str) -> NDArray[Any]:
         """One quantity of all frames, copied."""
-        return self._gathered(name, None, np.ones(len(self), dtype=bool))
-
-    def _gathered(self, name: str, column: int | None, wanted: NDArray[np.bool_]) -> NDArray[Any]:
-        parts = []
-        for number, block in enumerate(self._blocks):
-            chosen = np.flatnonzero(wanted[number * BLOCK : (number + 1) * BLOCK])
-            parts.append(block[name][chosen] if column is None else block[name][chosen, column])
-        return np.concatenate(parts)
+        return np.concatenate([block[name] for block in self._blocks])[: len(self)]
 
     def given_back(self) -> Iterator[NDArray[Any]]:
         """Every block's good frames in their order; what has been given is no longer kept here."""
         valid, start = self.valid, 0
         while self._blocks:
             block = self._blocks.pop(0)
-            good = np.flatnonzero(valid[start : start + BLOCK])
-            yield block[good]
+            yield block[: len(self) - start][valid[start : start + BLOCK]]
             start += BLOCK
 
     @property

@@ -13,8 +13,8 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
-from rfea_vision.lines import leftwards
-from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, tangents
+from rfea_vision.lines import from_down, leftwards
+from rfea_vision.vision.curve import WIDTH_COEFFICIENTS, basis_matrix, points_on, tangents
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.picture_errors import PictureErrors
@@ -181,9 +181,7 @@ class _Line:
 
 
 def _line_of(coefficients: FloatArray, nodes: FloatArray, sign: float) -> _Line:
-    points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
-    slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
-    second = np.matmul(basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
+    points, slope, second = (points_on(coefficients, nodes, derivative) for derivative in range(3))
     speed = np.linalg.norm(slope, axis=-1)
     tangent = slope / speed[..., None]
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
@@ -258,12 +256,12 @@ def _bend(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angle of the tangent at the tip from that at rest, its noise and its standard error: (t,) rad each."""
     u = np.linspace(0, 1, 65)
-    turned = np.arctan2(-view.sign * view.down[0], -view.down[1])
-    angle = angles(coefficients, view.sign, u) - turned
+    angle = angles(coefficients, view.sign, u) - from_down(view.down, view.sign)
     angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
     noise = np.sqrt(variance[:, 0]) / length
-    ends = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
-    systematic = np.sum(view.calibrated.rotation(ends, tangents(coefficients, np.array([1.0]))[:, 0]) ** 2, axis=0)
+    end = np.ones(1)
+    rotation = view.calibrated.rotation(points_on(coefficients, end)[:, 0], tangents(coefficients, end)[:, 0])
+    systematic = np.sum(rotation**2, axis=0)
     return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
 
 

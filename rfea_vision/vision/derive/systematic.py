@@ -8,7 +8,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
 from rfea_vision.lines import leftwards
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
+from rfea_vision.vision.curve import points_on
 
 
 class CalibrationError:
@@ -20,7 +20,7 @@ class CalibrationError:
     def __init__(
         self, calibration: Calibration, camera: FloatArray, coefficients: FloatArray, origin: FloatArray
     ) -> None:
-        points = np.matmul(basis_matrix(np.linspace(0, 1, 9), COEFFICIENTS), coefficients).reshape(-1, 2)
+        points = points_on(coefficients, np.linspace(0, 1, 9)).reshape(-1, 2)
         low, high = points.min(axis=0) - 10, points.max(axis=0) + 10
         self.middle, self.half = (low + high) / 2, (high - low) / 2
         grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T), axis=-1).reshape(-1, 2)

@@ -12,7 +12,7 @@ from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along, leftwards, rig_axes
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, point_and_tangent, tangents
+from rfea_vision.vision.curve import point_and_tangent, points_on, tangents
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, camera_moved, picture_errors
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.smooth import Smoothed
@@ -71,11 +71,13 @@ def view_of(
 ) -> View:
     """Gather it from all frames that were measured, whose smoothed curves are given."""
     coefficients, numbers = smoothed.coefficients, rows.good_ones("numbers")
-    origin = _origin(coefficients)
+    starts = points_on(coefficients, np.zeros(1))[:, 0]
+    origin = np.median(starts[min(len(starts) // 2, 30) :], axis=0)  # the clamp does not move: all frames are averaged
+    across = starts @ np.median(leftwards(tangents(coefficients, np.zeros(1))[:, 0]), axis=0)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
-    start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0)
-    started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
-    moved = camera_moved(_start_across(coefficients), np.sqrt(start_variance))
+    start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance")[:, 0]
+    started = _start_stderr(across, start_variance, scene.px_per_mm)
+    moved = camera_moved(across, np.sqrt(start_variance))
     missed = _end_missed(coefficients[0], scene) if rows.valid[:FIRST_TRIES].any() else 0.0
     from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm).grown(moved, missed)
     return View(
@@ -89,17 +91,6 @@ def view_of(
         lateral_sigma=float(np.hypot(np.median(from_picture.across), started)),
         from_picture=from_picture,
     )
-
-
-def _origin(coefficients: FloatArray) -> FloatArray:
-    """Middle of the first visible cross-section: the clamp does not move, so all frames are averaged."""
-    starts = _starts(coefficients)
-    return np.median(starts[min(len(starts) // 2, 30) :], axis=0)
-
-
-def _starts(coefficients: FloatArray) -> FloatArray:
-    """Where the curves begin (t, 2) mm."""
-    return np.einsum("k,tkc->tc", basis_matrix(np.zeros(1), COEFFICIENTS)[0], coefficients)
 
 
 def _end_missed(coefficients: FloatArray, scene: Scene) -> float:
@@ -117,7 +108,7 @@ def _end_missed(coefficients: FloatArray, scene: Scene) -> float:
 
 def _rest_direction(coefficients: FloatArray) -> FloatArray:
     """Direction of the straightest frames' chord: the resting tube hangs straight down."""
-    points = np.matmul(basis_matrix(np.linspace(0, 1, 33), COEFFICIENTS), coefficients)
+    points = points_on(coefficients, np.linspace(0, 1, 33))
     chord = points[:, -1] - points[:, 0]
     length = along(points)[:, -1]
     straight = np.linalg.norm(chord, axis=1) / length
@@ -137,19 +128,12 @@ def _clamp_stderr(seen: float, scatter: float | None, variance: float) -> float:
     return float(np.hypot(seen, CLAMP_SHARE * np.sqrt(max(variance - scatter**2, 0.0))))
 
 
-def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
-    """Standard error across the tube of where it begins, the same in all frames.
+def _start_stderr(across: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
+    """Standard error of where the tube begins, `across` (t,) mm along its normal there, the same in all frames.
 
     Noise that changes from frame to frame averages out. What the edges miss by, and the frames do not show by their
     scatter, is the same in all of them: a compressed video repeats the still parts of its pictures.
     """
-    across = _start_across(coefficients)
     noise = float(scatter(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
     shared = STILL * max(float(np.median(variance)) - noise**2, 0.0)
     return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * noise**2 / max(len(across), 1)))
-
-
-def _start_across(coefficients: FloatArray) -> FloatArray:
-    """Where the curves begin, along the normal of the tube at its clamp (t,) mm."""
-    normal = leftwards(tangents(coefficients, np.zeros(1))[:, 0])
-    return _starts(coefficients) @ np.median(normal, axis=0)

@@ -15,9 +15,9 @@ from rfea_vision.lines import along
 from rfea_vision.vision.curve import (
     VERTICES,
     WIDTH_COEFFICIENTS,
-    basis_matrix,
     fit_curve,
     point_and_tangent,
+    points_on,
     turning,
     vertices_of,
 )
@@ -288,7 +288,7 @@ def _both_ends(
 
 def new_state(path_mm: FloatArray, half_mm: float, polarity: int) -> State:
     """A state on a ragged path (n, 2), by a first curve of few coefficients, with everything else still unknown."""
-    curve = fit_curve(basis_matrix(np.linspace(0, 1, 200), 7) @ fit_curve(path_mm, 7))
+    curve = fit_curve(points_on(fit_curve(path_mm, 7), np.linspace(0, 1, 200)))
     width, levels, blurs = np.full(WIDTH_COEFFICIENTS, half_mm), np.zeros((3, VERTICES, 2)), np.full((3, VERTICES), 1.0)
     state = State(curve, width, levels, blurs, polarity * 1e-3 * blurs, np.zeros(2), np.zeros(4))
     fix_clamp(state)
@@ -334,7 +334,7 @@ def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers
 
 def line_of(state: State) -> FloatArray:
     """Points (400, 2) mm of the centre line, from clamp to tip."""
-    return basis_matrix(np.linspace(0, 1, 400), state.coefficients.shape[0]) @ state.coefficients
+    return points_on(state.coefficients, np.linspace(0, 1, 400))
 
 
 def length_of(state: State) -> float:

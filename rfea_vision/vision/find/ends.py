@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project
@@ -89,12 +90,6 @@ def _steps(means: FloatArray, contrast: float) -> tuple[NDArray[np.int64], Float
     return k, np.abs((total[k + m] - total[k] - (total[k] - total[k - m])) / m / abs(contrast))
 
 
-def _peaks(strongest: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Where a step is larger than `least`, and than what is beside it."""
-    beside = cv2.dilate(strongest.reshape(-1, 1), np.ones((HALF_WINDOW + 1, 1), dtype=np.uint8)).ravel()
-    return (strongest > least) & (strongest >= beside - 1e-12)
-
-
 def end_candidates(
     picture: NDArray[np.uint8],
     camera: FloatArray,
@@ -126,7 +121,7 @@ def end_candidates(
     strongest = (size[:, :1] if at_tip else size).max(axis=1)
     likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
     total = np.concatenate([[0.0], np.cumsum(likeness)])
-    for peak in np.flatnonzero(_peaks(strongest, least)):
+    for peak in np.flatnonzero((strongest > least) & (strongest == maximum_filter1d(strongest, HALF_WINDOW + 1))):
         centre = int(k[peak])
         low, high = max(centre - reach, 0), min(centre + reach, len(s))
         before = (total[centre] - total[low]) / max(centre - low, 1)
