@@ -24,7 +24,7 @@ from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import FOLDED, LEAST_SLENDER
 from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView
-from rfea_vision.vision.clicks import LEAST_CLEAR, aside, on_wall
+from rfea_vision.vision.clicks import LEAST_CLEAR, aside, on_wall, sides_clear
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, allowed_pixels, begin, digits_of, line_of
 from rfea_vision.vision.find.locate import Path, find_paths
@@ -182,8 +182,7 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
         )
     if told := on_wall(seen.body):
         return told
-    within, beside = seen.body.inside[:, None], seen.body.outside
-    clear = np.median(np.abs(within[:, :, 0] - beside[:, :, 0]) / np.sqrt(within[:, :, 1] + beside[:, :, 1]), axis=0).max(axis=-1)
+    clear = np.median(sides_clear(seen.body), axis=0)
     if clear.min() >= LEAST_CLEAR:
         return ""
     across = frame_of(seen.body.points)[1].mean(axis=0) * (1.0, -1.0)[int(np.argmin(clear))]

@@ -24,7 +24,6 @@ HALF_CIRCLE = 0.58  # roundness that is fitted to the middle of one
 NOT_A_PARABOLA = 0.01  # of the half width: how far the end of a round tube is from where a parabola has it
 UNLIKELY_MOVE = 4.0  # standard errors
 ORIGIN_MOVE_MM = 0.01
-NARROW_BLUR = 0.3  # of the half width: up to here a smeared edge is a blurred step
 SATURATED_BLURS = 0.3  # an edge that is cut off at the brightest level moves by about so much of its blur
 
 
@@ -61,12 +60,10 @@ def picture_errors(numbers: NDArray[Any], half_mm: float, px_per_mm: float) -> P
     # A highlight as light as the wall, or a shadow as dark: one edge is elsewhere, and the middle by half as much.
     one_edge = np.sqrt(np.maximum(too_wide**2 - (WIDTH_SHARE * half_mm) ** 2, 0.0))
     cut_off = numbers["saturated"] * (too_wide + SATURATED_BLURS * numbers["blur"] / px_per_mm)
-    # The wider the blur, the less of the light to either side is level, and the less like a step an edge is.
-    wide_blur = numbers["end_blur"] / (NARROW_BLUR * half_mm * px_per_mm)
     # A round end darkens towards its rim as the sides do, and seems to lie as far inwards as they do.
     rounded = np.clip(numbers["cap_round"] / HALF_CIRCLE, 0.0, 1.0)
     rim = rounded * (too_wide + NOT_A_PARABOLA * half_mm)
-    smear = SMEAR_SHARE * numbers["smear"] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
+    smear = SMEAR_SHARE * numbers["smear"] / px_per_mm
     continued = np.maximum(numbers["end_gap"] - CONTINUED_FREELY, 0.0) * numbers["length"]
     return PictureErrors(
         np.hypot(PROFILE_SHARE * numbers["profile"] / px_per_mm, one_edge),

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import point_and_tangent, value_at
 from rfea_vision.vision.edges.edgels import CAP, INFO, LEVEL_WINDOW, MISFIT, SHIFT, U, measure_polyline, smooth_levels
@@ -137,41 +136,6 @@ def _follow_cap_shape(work, filled, state, half, gain):
         round_ = state.cap[1] + gain * solution[2] / (half * half)
         state.cap[0] = min(max(tilt, -STEEPEST_TILT), STEEPEST_TILT)
         state.cap[1] = min(max(round_, -ROUNDEST / half), ROUNDEST / half)
-
-
-@compiled
-def coarse_cap(shot, state, reach_px):
-    """Where along the axis, within `reach_px`, does the tube end? Shift in mm, 0 if nowhere."""
-    picture, width, camera, px_per_mm = shot
-    height = picture.shape[0]
-    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
-    half = value_at(state.width, 1.0)
-    reach = int(reach_px)
-    arm = reach + 4
-    strip = np.zeros(2 * arm + 1)
-    for k in range(-arm, arm + 1):
-        along = k / px_per_mm
-        total, number = 0.0, 0
-        for m in range(-4, 5):
-            q = 0.15 * m * half
-            bend = along + state.cap[0] * q + state.cap[1] * q * q
-            u, v = project_point(camera, x + bend * tx - q * ty, y + bend * ty + q * tx)
-            i, j = round(v), round(u)
-            if 0 <= i < height and 0 <= j < width:
-                total += float(picture[i, j])
-                number += 1
-        if number == 0:
-            return 0.0
-        strip[k + arm] = total / number
-    contrast = state.reference[CAP, 0]  # not this frame's levels: where the end was missed they are nothing's
-    best, place = 0.5, 0
-    for d in range(-reach, reach + 1):
-        a = arm + d
-        step = (strip[a - 1] + strip[a - 2] + strip[a - 3] - strip[a + 1] - strip[a + 2] - strip[a + 3]) / 3.0
-        score = step / contrast - 0.01 * abs(d)
-        if score > best:
-            best, place = score, d
-    return place / px_per_mm
 
 
 @compiled

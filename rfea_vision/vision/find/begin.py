@@ -24,7 +24,7 @@ from rfea_vision.vision.curve import (
 from rfea_vision.vision.edges.cap import cap_levels, measure_cap
 from rfea_vision.vision.edges.fitted import Buffers, Shot, State
 from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
-from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates
+from rfea_vision.vision.find.ends import End, choose_ends, end_candidates
 from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
@@ -234,8 +234,6 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path
     fix_clamp(state)
     state.reference[:2] = state.levels[:2, :, 0] - state.levels[:2, :, 1]
     inside, outside = state.levels[:2, -VERTICES // 16 :, 0].mean(), state.levels[:2, -VERTICES // 16 :, 1].mean()
-    if (inside - outside) / contrast < LEAST_TIP_STEP:
-        inside, outside = outside + contrast, outside
     state.reference[2] = inside - outside
     state.levels[2, :, 0], state.levels[2, :, 1] = inside, outside
     state.blurs[2] = float(np.median(state.blurs[:2]))

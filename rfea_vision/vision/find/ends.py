@@ -21,7 +21,6 @@ LEAST_STEP = 0.3  # of the contrast between tube and background
 LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
 BANDS = (-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18)  # half widths off the line: in the tube, and beside it,
 BAND_PLACES = 9  # at so many places of which the light is read
-APART_MM = 0.5  # at this distance pixels have different noise
 LEAST_STDERR_MM = 0.002
 LENGTH_TOLERANCE = 0.03  # standard error of the length that was given, as a share
 
@@ -32,30 +31,21 @@ class End:
 
     along_mm: float
     stderr_mm: float
-    kind: str  # "step" | "border" | "path"
+    kind: str  # "step" | "hint" | "path"
 
 
-def extended(
-    coefficients: FloatArray, at_tip: bool, beyond_mm: float, within_mm: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points along the axis through one end, from inside to beyond, continued by its end circle.
+def extended(coefficients: FloatArray, at_tip: bool, reach_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points along the axis through one end, from inside to beyond, where it goes straight on.
 
     Returns s (n,), positive beyond the end, points (n, 2) and outward tangents (n, 2).
     """
     length = float(along(points_and_tangents(coefficients, VERTEX_U)[0])[-1])
-    s = np.arange(-within_mm, beyond_mm + STEP_MM / 2, STEP_MM)
+    s = np.arange(-reach_mm, reach_mm + STEP_MM / 2, STEP_MM)
     inside = np.minimum(s, 0.0) / length
     points, tangents = points_and_tangents(coefficients, 1.0 + inside if at_tip else -inside)
     if not at_tip:
         tangents = -tangents
-    end_tangent, back = tangents[-1], tangents[np.argmin(np.abs(s + 0.15 * length))]
-    bend = np.arctan2(back[0] * end_tangent[1] - back[1] * end_tangent[0], float(back @ end_tangent))
-    curvature = bend / (0.15 * length)
-    out, heading = s > 0, np.arctan2(end_tangent[1], end_tangent[0])
-    angle, middle = heading + curvature * s[out], heading + 0.5 * curvature * s[out]
-    tangents[out] = np.column_stack([np.cos(angle), np.sin(angle)])
-    points[out] = points[np.argmin(np.abs(s))] + s[out, None] * np.column_stack([np.cos(middle), np.sin(middle)])
-    return s, points, tangents
+    return s, points + np.maximum(s, 0.0)[:, None] * tangents, tangents
 
 
 def strips(
@@ -83,9 +73,9 @@ def light_between(
 
 
 def _steps(means: FloatArray, contrast: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """How much the light (n, 3) changes at a row, from window to window, in units of the contrast; and which rows these are."""
+    """How much the light (n, strips) changes at a row, from window to window, in units of the contrast; and which rows these are."""
     m = HALF_WINDOW
-    total = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
+    total = np.pad(np.cumsum(means, axis=0), [(1, 0), (0, 0)])
     k = np.arange(m, len(means) - m)
     return k, np.abs((total[k + m] - total[k] - (total[k] - total[k - m])) / m / abs(contrast))
 
@@ -102,47 +92,36 @@ def end_candidates(
 ) -> list[tuple[End, float]]:
     """Every cross-section within `reach_mm` where the tube could end, with how much of a step it is (0 to 1).
 
-    A tube ends where its light, or that beside it, changes, and where what comes behind no longer looks like a tube
+    A tube begins where its light, or that beside it, changes, and ends where what comes behind no longer looks like a tube
     between two edges. A painted band or a ferrule changes the light as well, but behind it the tube goes on.
     """
-    least = LEAST_TIP_STEP if at_tip else LEAST_STEP
-    s, points, tangents = extended(coefficients, at_tip, reach_mm, reach_mm)
+    s, points, tangents = extended(coefficients, at_tip, reach_mm)
     means, seen = strips(picture, camera, points, tangents, half_mm)
-    m = HALF_WINDOW
-    reach = max(round(half_mm / STEP_MM), m)
-    last = len(s) if seen.all() else int(np.argmin(seen))  # first row that is not in the picture
-    out: list[tuple[End, float]] = []
-    if last < len(s):
-        out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))
-    if len(s) <= 2 * m:  # of a worm under a microscope: no step is so sharp
-        return out
-    k, size = _steps(means, contrast)
-    size[k + m > last] = 0.0
-    strongest = (size[:, :1] if at_tip else size).max(axis=1)
+    if len(s) <= 2 * HALF_WINDOW:  # of a worm under a microscope: no step is so sharp
+        return []
+    k, size = _steps(means[:, :1] if at_tip else means, contrast)
+    if not seen.all():
+        size[k + HALF_WINDOW > np.argmin(seen)] = 0.0  # from the first row on that is not in the picture
+    strongest, least = size.max(axis=1), LEAST_TIP_STEP if at_tip else LEAST_STEP
     likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
-    total = np.concatenate([[0.0], np.cumsum(likeness)])
+    reach = max(round(half_mm / STEP_MM), HALF_WINDOW)
+    out: list[tuple[End, float]] = []
     for peak in np.flatnonzero((strongest > least) & (strongest == maximum_filter1d(strongest, HALF_WINDOW + 1))):
-        centre = int(k[peak])
-        low, high = max(centre - reach, 0), min(centre + reach, len(s))
-        before = (total[centre] - total[low]) / max(centre - low, 1)
-        after = (total[high] - total[centre]) / max(high - centre, 1)
-        whole = max(before, 0.5) if at_tip else 0.5
-        fades = float(np.clip((before - after) / whole, 0.0, 1.0))
-        jump = float(min(strongest[peak], 1.0))
-        strength = jump * fades if at_tip else max(jump * (0.4 + 0.6 * fades), 0.0)
+        strength = float(min(strongest[peak], 1.0))
+        if at_tip:
+            before, after = likeness[max(k[peak] - reach, 0) : k[peak]].mean(), likeness[k[peak] : k[peak] + reach].mean()
+            strength *= float(np.clip((before - after) / max(before, 0.5), 0.0, 1.0))
         if strength > 0.1:
-            out.append((_end_at(s, means, size, k, int(peak), at_tip), strength))
+            out.append((_end_at(s, means, size, k, int(peak), least), strength))
     return out
 
 
-def _end_at(
-    s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, at_tip: bool
-) -> End:
+def _end_at(s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, least: float) -> End:
     """Place of the step at `peak`, over all strips that show it; what they disagree about is its standard error."""
     places, weights, doubts = [], [], []
-    for channel in range(1 if at_tip else 3):
-        near = slice(max(peak - HALF_WINDOW // 2, 0), peak + HALF_WINDOW // 2 + 1)
-        if size[near, channel].max() > (LEAST_TIP_STEP if at_tip else LEAST_STEP):
+    near = slice(max(peak - HALF_WINDOW // 2, 0), peak + HALF_WINDOW // 2 + 1)
+    for channel in range(size.shape[1]):
+        if size[near, channel].max() > least:
             centre = k[near.start + int(size[near, channel].argmax())]
             place, doubt = _crossing(s, means[:, channel], centre)
             places.append(place)
@@ -177,8 +156,7 @@ def _crossing(s: FloatArray, values: FloatArray, centre: int) -> tuple[float, fl
     """Place of a step from the area under its profile: exact for any symmetric blur; and the doubt about it.
 
     The area rests on level light to either side. Where it is not level (a band, a shadow), the place is off by about
-    the share of the step by which the light varies there, times the reach that is summed. What varies from pixel to
-    pixel averages out, and is no doubt: it is in the scatter from frame to frame.
+    the share of the step by which the light varies there, times the reach that is summed.
     """
     m = HALF_WINDOW
     low, high = max(centre - 2 * m, 0), min(centre + 2 * m, len(s) - 1)
@@ -188,14 +166,5 @@ def _crossing(s: FloatArray, values: FloatArray, centre: int) -> tuple[float, fl
     window = slice(max(centre - m, 0), centre + m + 1)
     share = (values[window] - before) / height
     far = values[max(centre - 4 * m, 0) : max(centre - m, 1)]  # a band that fills the window is seen from farther off
-    uneven = float(np.hypot(_slow_part(far), _slow_part(outer[len(outer) // 3 :])) / abs(height))
+    uneven = float(np.hypot(np.std(far), np.std(outer[len(outer) // 3 :])) / abs(height))
     return float(s[window][-1] + STEP_MM / 2 - STEP_MM * share.sum()), uneven * m * STEP_MM
-
-
-def _slow_part(values: FloatArray) -> float:
-    """Standard deviation of light along the axis, without what differs from pixel to pixel."""
-    lag = round(APART_MM / STEP_MM)
-    if len(values) <= 2 * lag:
-        return float(np.std(values))
-    noise = 0.5 * float(np.mean((values[lag:] - values[:-lag]) ** 2))
-    return float(np.sqrt(max(float(np.var(values)) - noise, 0.0)))

@@ -20,8 +20,7 @@ from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import Judge
 from rfea_vision.vision.follow.motion import CurvePredictor
 
-SEARCH_PX = 12.0
-CLAMP_NEAR_MM, CLAMP_REACH_MM = 1.0, 5.0  # how far from the first one the clamp is believed in later frames; and looked for
+CLAMP_REACH_MM, CLAMP_UNSEEN_MM = 5.0, 1.0  # how far around the clamp is looked for; how well it is known where it is not seen again
 LEAST_GOOD = 3  # good frames before the first bad one that make a track: fewer may be anything that looks like a tube
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
 COVERED_STEP = 0.3  # of the light step at the edges: by so much the light on the tube changes where something covers it
@@ -173,8 +172,7 @@ class Follower:
         """The clamp does not move: average where it is seen in the first frames."""
         assert self.start is not None
         seen = self._clamp_in(luma) if self.start.base.kind == "step" else None
-        start = np.array(point_and_tangent(self.state.coefficients, 0.0)[:2])
-        if seen is None or np.linalg.norm(seen[0] - start) > CLAMP_NEAR_MM:
+        if seen is None:
             return
         clamp = self.state.clamp
         self.clamps.append(seen[0])
@@ -204,7 +202,7 @@ class Follower:
         first = self.start.base.stderr_mm
         if len(self.clamps) < LEAST_CLAMPS:
             # A clamp that was taken from a step in the light, and is not seen there again, may be anything near it.
-            return (max(first, CLAMP_NEAR_MM) if self.start.base.kind == "step" and self.good > 8 else first), None
+            return (max(first, CLAMP_UNSEEN_MM) if self.start.base.kind == "step" and self.good > 8 else first), None
         along = np.array(self.clamps) @ self.state.clamp[2:]
         scatter = float(along.std())
         # What all frames share (a shadow, a rough edge) does not average out.
@@ -212,19 +210,18 @@ class Follower:
         return float(np.hypot(1.25 * scatter / np.sqrt(len(along)), shared)), scatter
 
     def _fit_predicted(self, shot: fitted.Shot, time_s: float) -> str:
-        saved, reach = [array.copy() for array in self.state], SEARCH_PX * min(1 + self.missed, 3)
+        saved = [array.copy() for array in self.state]
         if self.missed or not self.good:
-            return self._fit(shot, saved, reach)
+            return self._fit(shot, saved)
         self.motion.predict(time_s, self.state.coefficients)
-        reason = self._fit(shot, saved, reach)
-        if reason and not self._fit(shot, saved, reach):  # from where it was last: a prediction may lead astray
-            return ""
-        return reason
+        reason = self._fit(shot, saved)
+        return reason and self._fit(shot, saved) and reason  # again from where it was last: a prediction may lead astray
 
-    def _fit(self, shot: fitted.Shot, saved: list[FloatArray], reach: float) -> str:
+    def _fit(self, shot: fitted.Shot, saved: list[FloatArray]) -> str:
+        """Fit a frame from the state as it is; where it is rejected, the state is as it was `saved`."""
         gain = 0.3 if self.good < ENOUGH else 0.02
         self.work.numbers.view(np.float64).fill(0.0)
-        fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
+        fit_frame(shot, self.state, self.work, gain, self.noise)
         reason = self.judge(shot, self.work.numbers[0])
         if reason:
             for array, old in zip(self.state, saved, strict=True):
@@ -242,7 +239,7 @@ class Follower:
             return "no_tube: another tube"
         saved = [array.copy() for array in self.state]
         self.state.coefficients[:] = found.state.coefficients
-        return self._fit(self.scene.shot(luma), saved, SEARCH_PX)
+        return self._fit(self.scene.shot(luma), saved)
 
     def _accept(self, time_s: float) -> None:
         if self.missed:

@@ -9,7 +9,7 @@ import numpy as np
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value_at, vertices_of
-from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
+from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, measure_cap
 from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
 
 TURNS = 8
@@ -18,7 +18,6 @@ FORETOLD = 0.6  # of the edges, chosen: where fewer are near their expected plac
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
 ON_PLACE_PX = 0.06  # the same of the steps that follow, which start from what was read elsewhere
 END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
-LOOKED_ALONG = 65  # places along the curve, from which its length and its turning are told before its end is looked for
 ROUNDED = 1.5  # length of a rounded end over the sagitta that is fitted to its middle: of a half circle, a bit less
 LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
@@ -41,12 +40,10 @@ def _margin_px(shot, state, u):
 
 
 @compiled
-def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, noise):
+def fit_frame(shot, state, work, shape_gain, noise):
     """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`, which are nought before.
 
-    `hinge_mm` is the length of the inextensible side so far (0 where it is not known yet): the search for the end
-    starts where it puts the end. `turn_sign` is that of a bend towards the actuator's side. `noise` is that of the last
-    frame, in grey levels.
+    `shape_gain` is how fast the end's shape follows what is seen. `noise` is that of the last frame, in grey levels.
     """
     numbers, px_per_mm = work.numbers[0], shot.px_per_mm
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
@@ -82,8 +79,6 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
         unseen = cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST
         if near and largest < enough and not (turn == 0 and unseen):
             break
-        if unseen:
-            _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign)
         enough = ON_PLACE_PX
         near = near or largest < 0.8 or turn >= 4
     _describe(shot.camera, state, work, noise, cap_used)
@@ -108,21 +103,6 @@ def _describe(camera, state, work, noise, cap_used):
         12.0 * max(numbers.end_blur ** 2 - (1.1 * np.mean(state.blurs[0, : VERTICES // 8])) ** 2, 0.0)
     )
     numbers.saturated = _saturated(state)
-
-
-@compiled
-def _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign):
-    """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
-    nothing, px_per_mm = np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shot.px_per_mm
-    if hinge_mm > 0.0:
-        normal = work.normal[:LOOKED_ALONG]
-        length = vertices_of(state.coefficients, state.width, work.centre[:LOOKED_ALONG], normal, work.half_width[:LOOKED_ALONG])
-        missing = hinge_mm + value_at(state.width, 1.0) * turn_sign * turning(normal) - length
-        if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
-            move_state(state, nothing, missing)
-    beyond = coarse_cap(shot, state, reach_px)
-    if abs(beyond) * px_per_mm > 1.5:
-        move_state(state, nothing, beyond)
 
 
 @compiled

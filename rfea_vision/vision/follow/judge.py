@@ -164,11 +164,6 @@ class Judge:
         self._jumped += jumps
         return jumps
 
-    @property
-    def hinge_mm(self) -> float:
-        """Length of the inextensible side as seen so far; 0 before it is known."""
-        return self.expected_mm if len(self.hinge_lengths) >= 5 else 0.0
-
     def repeated(self, shot: Shot) -> bool:
         """Whether a picture is identical to the one seen last."""
         return self._last is not None and bool(_same(shot, self._last))

@@ -58,7 +58,6 @@ def make_clip(
     calibration: Calibration,
     out_mp4: Path,
     *,
-    crf: int = 30,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Write the clip and say how its pixels relate to rig mm.
@@ -93,7 +92,7 @@ def make_clip(
             if progress is not None and number % 16 == 0:
                 progress(number + 1, max(len(times), number + 1))
 
-    write_film(out_mp4, pictures(), (box["width"], box["height"]), crf=crf)
+    write_film(out_mp4, pictures(), (box["width"], box["height"]), crf=30)
     return {"file": out_mp4.name, "times_s": shown, **box}
 
 
