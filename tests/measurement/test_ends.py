@@ -66,7 +66,8 @@ def test_an_end_that_nothing_measures_is_known_no_better_than_what_may_have_grow
         off = float(np.linalg.norm(follower.body.points[-1] - line[-1])) / HALF
         stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm / HALF
         assert follower.end_offsets is None and off < 3.0 * stderr, k
-    assert stderr < 1.2 and off < (0.3 if grown == 0.0 else 2.0)
+    # A fifth of the end's way, 50 to 60 px, and a tenth of the length: nothing tells either.
+    assert stderr < 1.4 and off < (0.3 if grown == 0.0 else 2.0)
 
 
 def test_an_end_is_known_by_the_skin_where_that_shows_how_long_the_body_is():
