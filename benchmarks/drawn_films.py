@@ -6,7 +6,7 @@ two films at a time. Each is given what a person points at in its first frame: t
 end is in the picture with nothing before it.
 
 Seeds from 1000 on were looked at while the hand was written, and 1020 to 1079 while the tracker was worked on; 0 to 59 were run once,
-and 60 to 99 later, at the commits and with the counts that docs/films-record.md names, and count as seen since.
+60 to 99 and 100 to 139 later, at the commits and with the counts that docs/films-record.md names, and count as seen since.
 """
 
 from __future__ import annotations
