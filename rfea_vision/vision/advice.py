@@ -228,9 +228,8 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     with closing(source.colours(scale)) as pictures:
         for frame, (_, picture) in enumerate(islice(pictures, count)):
             still.look(picture)
-            seen = Shown(picture, moved=still.moved)
-            held.look(seen.colours(seen.whole))
-            off, turn = held.off
+            held.look(picture)  # as it comes: a view that is lost from one picture to the next takes its base along in one leap
+            off, turn = held.off(still.moved)
             sure_px, sure_turn = SURELY * held.stderr[:2].max(), SURELY * held.stderr[2]
             turned = turn > max(BASE_TURNED, sure_turn)
             if held.seen and (turned or off > max(least_px, sure_px)):

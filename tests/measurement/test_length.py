@@ -201,6 +201,26 @@ def test_a_base_that_turns_is_told_by_its_turn():
     assert re.match("what holds the tube has turned in the picture, by some 1[5-9] degrees in frame 1[1-4]:", said)
 
 
+def test_a_base_is_told_from_where_the_view_was_lost_at_once():
+    """A hand's camera drifts, which is followed, until the wall is another one: from one frame to the next the base is 30 px off."""
+    blurred = (cv2.GaussianBlur(np.random.default_rng(k).uniform(0, 255, (260, 320, 3)), (0, 0), 2.0) for k in (1, 2))
+    walls = [np.clip(4 * (wall - 128) + 128, 0, 255).astype(np.uint8) for wall in blurred]
+    base = np.random.default_rng(3).integers(0, 255, (30, 60, 3), dtype=np.uint8)
+
+    def colours(scale):
+        for k in range(30):
+            picture = walls[k >= 22].copy()
+            picture[:, 60:180] = 120
+            picture[10:40, 90:150] = base
+            cv2.line(picture, (120, 40), (120, 200), (220, 225, 215), 24, cv2.LINE_AA)
+            moved = np.array([[1.0, 0, 40 * k / 29], [0, 1, 0]])
+            yield k / 30, cv2.warpAffine(picture, moved, (240, 260), borderMode=cv2.BORDER_REFLECT)
+
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours)
+    said = advice.base_moved(source, pointed_at(((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)), 22 * [""] + 8 * ["no_fit"])
+    assert re.match(r"what holds the tube has moved in the picture, by 3\d px in frame 22: .* the film to its first 22 frames", said)
+
+
 @pytest.mark.parametrize("half", [6, 12])
 def test_a_body_that_swings_in_a_clamp_that_rests_is_no_base_that_turns(half):
     """What lies before the clamp is the body: with it in the patch, it looked as if what holds it had turned."""

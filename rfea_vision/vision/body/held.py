@@ -70,10 +70,10 @@ class HeldView:
             turns = _turn(pose[2])
             self.moved = np.column_stack([turns, self._foot + pose[:2] - turns @ self._foot])
 
-    @property
-    def off(self) -> tuple[float, float]:
-        """How far the clamp is from where it was, px, and by how much it has turned, rad."""
-        return float(np.linalg.norm(self._pose[:2])), abs(float(self._pose[2]))
+    def off(self, view: FloatArray) -> tuple[float, float]:
+        """How far the clamp is from where the `view` (2, 3) of the wall has it, px, and by how much it is turned from there, rad."""
+        turned = self._pose[2] - np.arctan2(view[1, 0], view[0, 0])
+        return float(np.linalg.norm((self.moved - view) @ [*self._foot, 1.0])), abs(float(turned))
 
     @property
     def stderr(self) -> FloatArray:
