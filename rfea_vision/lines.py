@@ -1,4 +1,4 @@
-"""Lines of points: how far each point lies along them, what lies at a given distance, and where they point."""
+"""Lines of points: how far each point lies along them, what lies at a given distance, where they point, and in larger pictures."""
 
 from __future__ import annotations
 
@@ -27,6 +27,11 @@ def at(points: FloatArray, lengths: FloatArray) -> FloatArray:
 def evenly(points: FloatArray, count: int) -> FloatArray:
     """`count` places (count, d) on a line of points (n, d), at even distances from its first point to its last."""
     return at(points, np.linspace(0.0, 1.0, count) * along(points)[-1])
+
+
+def scaled(pixels: FloatArray, scale: float | FloatArray) -> FloatArray:
+    """Places (..., 2) of a picture in one that is `scale` times as large; they are counted from the middle of the first pixel."""
+    return (pixels + 0.5) * scale - 0.5
 
 
 def leftwards(vectors: FloatArray) -> FloatArray:

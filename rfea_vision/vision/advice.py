@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project, unproject
-from rfea_vision.lines import along
+from rfea_vision.lines import along, scaled
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
@@ -154,9 +154,9 @@ def _read_until(reasons: list[str]) -> str:
 
 def film_lacks(source: FrameSource, scene: Scene) -> str:
     """Say what keeps a body that was pointed at from being followed: its shape, its pixels, its contrast; empty where none does."""
-    assert scene.clamp_px is not None
-    wide_px = float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    slender = float(along(scene.line_px)[-1]) / wide_px
+    _, line_px, half_px = scene.pointed()
+    wide_px = 2.0 * half_px
+    slender = float(along(line_px)[-1]) / wide_px
     if slender < LEAST_SLENDER:
         return (
             f"what was pointed at is {slender:.1f} times as long as wide, and a body is followed from {LEAST_SLENDER:g} times on: "
@@ -221,8 +221,7 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
         return ""
     count = min(_first_lost(reasons) + TRIED, len(reasons))
     scale = min(scale_for(scene, source.size), 1.0)
-    clamp, line = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
-    half = 0.5 * float(np.linalg.norm(clamp[1] - clamp[0]))
+    clamp, line, half = scene.pointed(scale)
     still, held = StillView(line, half), HeldView(clamp, line, half)  # a camera that drifts is followed
     least_px, rests = max(BASE_MOVED * half, POINTING_PX * scale), 0
     with closing(source.colours(scale)) as pictures:
@@ -271,8 +270,8 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
     elif len(scene.hints.centre_line) < 2:
         seen, picture = _first_look(source, scene)
         lab = (shown := Shown(picture, seen.enlarged)).lab(shown.whole)
-        for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half(), scene.length_mm * seen.px_per_mm):
-            points = np.round((line[[16, 32, 48]] + 0.5) / seen.scale - 0.5, 1)
+        for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half, scene.length_mm * seen.px_per_mm):
+            points = np.round(scaled(line[[16, 32, 48]], 1.0 / seen.scale), 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
     else:  # one that was pointed at in another order, or beside the body, leads astray
@@ -325,7 +324,7 @@ def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
                 break
     # In all but a tenth of the frames to either side: a line that settles after the first one does not sway, nor one that slides along.
     *sways, slides = np.ptp(np.quantile(seen, (0.1, 0.9), axis=0), axis=0) if seen else np.zeros(3)
-    return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed_half())
+    return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed_half)
 
 
 def _scale_first(reasons: list[str]) -> str:

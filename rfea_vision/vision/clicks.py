@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along
+from rfea_vision.lines import along, scaled
 from rfea_vision.vision.body.begin import SQUARE
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import reached
@@ -84,7 +84,7 @@ def aside(look: BodyFollower, picture: NDArray[np.uint8]) -> Aside | None:
         near = int(np.argmin(np.linalg.norm(line - look.foot[0], axis=1)))
         across = frame_of(line)[1][near]
         if abs((look.foot[0] - line[near]) @ across) > _allowed(look, HINT_CLAMP):
-            return _instead(look, "clamp", line[near] + look.pointed_half() * across * np.array([[1.0], [-1.0]]), line)
+            return _instead(look, "clamp", line[near] + look.pointed_half * across * np.array([[1.0], [-1.0]]), line)
     return None
 
 
@@ -105,14 +105,14 @@ def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> 
     foot = np.array([look.line[-1], -frame_of(body.points)[0][-1]]) if tip else look.foot
     length = look.scene.length_mm * look.px_per_mm
     # Of one picture alone nothing is known to be another thing.
-    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed_half(), SHORTEST * length)
+    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed_half, SHORTEST * length)
     return next((way for way in ways[1:] if abs(along(way)[-1] / length - 1.0) <= AS_LONG), None)
 
 
 def _allowed(look: BodyFollower, halves: float) -> float:
     """How far (px) beside the body a person points."""
-    return float(np.hypot(halves * look.pointed_half(), POINTING_PX * look.scale))
+    return float(np.hypot(halves * look.pointed_half, POINTING_PX * look.scale))
 
 
 def _instead(look: BodyFollower, name: str, places: FloatArray, line: FloatArray) -> Aside:
-    return Aside(name, np.round((places + 0.5) / look.scale - 0.5, 1), float(along(line)[-1]) / look.px_per_mm)
+    return Aside(name, np.round(scaled(places, 1.0 / look.scale), 1), float(along(line)[-1]) / look.px_per_mm)

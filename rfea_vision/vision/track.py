@@ -15,7 +15,7 @@ from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.lines import rig_axes
+from rfea_vision.lines import rig_axes, scaled
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import (
@@ -310,8 +310,7 @@ def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
     matrix = calibration.camera_matrix.copy()
     matrix[0, 0] *= fx
     matrix[1, 1] *= fy
-    matrix[0, 2] = (matrix[0, 2] + 0.5) * fx - 0.5
-    matrix[1, 2] = (matrix[1, 2] + 0.5) * fy - 0.5
+    matrix[:2, 2] = scaled(matrix[:2, 2], np.array([fx, fy]))
     factors = np.ones(calibration.intrinsics_covariance.shape[0])
     factors[:4] = fx, fy, fx, fy
     joint = calibration.joint_covariance

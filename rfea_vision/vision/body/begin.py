@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along, evenly
+from rfea_vision.lines import along, evenly, scaled
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.model import (
@@ -52,10 +52,8 @@ ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
 
 def scale_for(scene: Scene, size: tuple[int, int]) -> float:
     """By how much pictures of a size are made smaller, or larger, for a body whose clamp was pointed at."""
-    assert scene.clamp_px is not None
-    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
     larger = min(MOST_ENLARGED, (MOST_PIXELS / (size[0] * size[1])) ** 0.5)
-    scale = min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
+    scale = min(max(larger, 1.0), HALF_PX / max(scene.pointed()[2], 1.0))
     return scale if scale < 1.0 else int(STEPS * scale) / STEPS
 
 
@@ -223,10 +221,10 @@ def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatAr
     likeness = np.asarray(cv2.GaussianBlur(small, (0, 0), max(0.5 * half_px / less, 0.5)), dtype=np.float64)
     cost = 1.0 / (likeness / max(float(likeness.max()), 1e-6) + ROUTE_FLOOR)
     route: list[FloatArray] = []
-    for start, end in pairwise((line_px + 0.5) / less - 0.5):
+    for start, end in pairwise(scaled(line_px, 1.0 / less)):
         a, b = (np.clip(np.round(p), 0, size - 1).astype(int) for p in (start, end))
         steps = Ways(cost, [(a[1], a[0])]).to((b[1], b[0]))
-        route.append(np.asarray(less * (steps[:, ::-1] + 0.5) - 0.5, dtype=np.float64))
+        route.append(scaled(np.asarray(steps[:, ::-1], dtype=np.float64), less))
     points = np.vstack([line_px[:1], *route, line_px[-1:]])
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 

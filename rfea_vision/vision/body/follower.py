@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
+from rfea_vision.lines import scaled
 from rfea_vision.vision.body.begin import (
     END_NEAR,
     SQUARE,
@@ -106,20 +107,17 @@ class BodyFollower:
     """
 
     def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None, *, held: bool = False) -> None:
-        assert scene.clamp_px is not None and scene.tip_px is not None
         self.scene, self.scale, self.held = scene, scale, held
         self.walls = np.zeros(STATIONS, dtype=bool) if walls is None else walls
         self.learned = False  # more of these than was known in the first frame
         self.px_per_mm = scene.px_per_mm * scale
         self.camera = scene.camera.copy()
         self.camera[1:3] *= scale
-        self.camera[3:5] = (self.camera[3:5] + 0.5) * scale - 0.5
-        self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
-        self.line = (scene.line_px + 0.5) * scale - 0.5
+        self.camera[3:5] = scaled(self.camera[3:5], scale)
+        self.clamp, self.line, self.pointed_half = scene.pointed(scale)
         self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line[:2])])
         self.enlarged, self.picture_scale = max(scale, 1.0), min(scale, 1.0)  # before it is looked at, and as it is read, over the film
-        clamp, line = ((places + 0.5) * self.picture_scale - 0.5 for places in (scene.clamp_px, scene.line_px))
-        half = self.pointed_half() / self.enlarged
+        clamp, line, half = scene.pointed(self.picture_scale)
         self.seen_from = HeldView(clamp, line, half) if held else StillView(line, half)
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
@@ -129,7 +127,7 @@ class BodyFollower:
         self.refusal, self.moved_px = "", 0.0  # by the last frame, where it moved most
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
         self.edge_offsets: FloatArray | None = None
-        self.guide = guide_of(scene.hints, scene.clamp_px)
+        self.guide = guide_of(scene.hints, scene.pointed()[0])
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
@@ -162,7 +160,7 @@ class BodyFollower:
             if guided is not None:
                 fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
-        snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed_half()
+        snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed_half
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
             lines = self._reached(shown)  # it may have gone farther than was looked at
             lab = self.wall.look(shown, *self.looked_at(fit.body.points, *lines))
@@ -198,7 +196,7 @@ class BodyFollower:
         fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
         if self.first.fit is not None:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
-        half = self.pointed_half() * float(middle(fit.body.half / self.first.half))
+        half = self.pointed_half * float(middle(fit.body.half / self.first.half))
         fit.standing_out = standing_out(lab, fit.body, half)
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
@@ -209,10 +207,6 @@ class BodyFollower:
         """Whether it was not where it was pointed at, in any frame in which it is looked for there."""
         return self.good == 0 and self.missed >= FIRST_TRIES
 
-    def pointed_half(self) -> float:
-        """Half the distance (px) of the clamp's two edges: the rims are within it, where the fit takes them for the edge."""
-        return 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
-
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the origin along the tube: it is where it was pointed at."""
         return self.pointed_px / self.scene.px_per_mm, None
@@ -220,13 +214,13 @@ class BodyFollower:
     def _guided(self) -> FloatArray | None:
         """Stations where another program saw the body in this frame, from the clamp on."""
         line = None if self.guide is None else self.guide(self.frame)
-        return None if line is None else onwards((line + 0.5) * self.scale - 0.5, self.clamp.mean(axis=0))
+        return None if line is None else onwards(scaled(line, self.scale), self.clamp.mean(axis=0))
 
     def _begin(self, lab: Picture) -> None:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
-        half = self.pointed_half()
+        half = self.pointed_half
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
@@ -296,7 +290,7 @@ class BodyFollower:
 
     def _learn_end(self, lab: Picture) -> None:
         """An end that lay before something of its own colour when it was pointed at is measured from the first clear sight of it on."""
-        half = self.pointed_half()
+        half = self.pointed_half
         seen = self._end_seen(lab, half)
         if self.body.untold:
             return
@@ -345,7 +339,7 @@ class BodyFollower:
 
     def _reached(self, shown: Shown) -> list[FloatArray]:
         """Where all is that looks like the body: stations as long as when its end was last seen, and as that is."""
-        known = self.foot, self.pointed_half(), self.known_length
+        known = self.foot, self.pointed_half, self.known_length
         return [] if self.body.untold else reached(shown, self.shown, self.wall, self.body, *known)
 
     def _outlined(self, lab: Picture, line: FloatArray) -> tuple[SeenBody, FloatArray]:
@@ -355,7 +349,7 @@ class BodyFollower:
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         end = fit.end[np.isfinite(fit.end)]
-        level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed_half())
+        level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed_half)
         self.unseen = self.end_offsets is not None and not level
         # Found again, it may lie off by a disc: until most rays see its end alike, it may as well be as long as when they last did.
         self.lost = (self.lost or self.missed > 0) and not level
@@ -394,7 +388,7 @@ class BodyFollower:
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.seen_from.stderr[:2]) / self.picture_scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, lags=lags, pointed=pointed, slipped=slipped,
-            mistaken=float(middle(self.first.half)) - self.pointed_half(), turned=float(self.seen_from.stderr[2]),
+            mistaken=float(middle(self.first.half)) - self.pointed_half, turned=float(self.seen_from.stderr[2]),
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along, at
+from rfea_vision.lines import along, at, scaled
 from rfea_vision.vision.body.begin import PIECES, smooth_line
 from rfea_vision.vision.body.fit import ALONG, BENDING, NORMAL, TO_ALONG, UNKNOWNS
 from rfea_vision.vision.body.model import (
@@ -180,7 +180,7 @@ def reached(
     on; and then those of one that is as long as the way, where that is longer. Empty where nothing that looks like it hangs together
     with the clamp.
     """
-    small, (start, middle) = shown.smaller(COARSE), _smaller(foot[0] + np.array([[0.5 * half_px], [0.0]]) * foot[1])
+    small, (start, middle) = shown.smaller(COARSE), scaled(foot[0] + np.array([[0.5 * half_px], [0.0]]) * foot[1], 1.0 / COARSE)
     reach = REACHED * length
     rows, columns = window_around(small.shape, middle[None], reach / COARSE)
     corner = np.array([columns.start, rows.start])
@@ -207,7 +207,7 @@ def reached(
     way = middle_way(alike, (row - top, column - left), half_px / COARSE)
     if way is None:
         return []
-    way = np.vstack([foot[:1], COARSE * (way + corner + 0.5) - 0.5])
+    way = np.vstack([foot[:1], scaled(way + corner, COARSE)])
     longer = length < along(way)[-1] < reach
     way = way[along(way) < reach]
     line = smooth_line(np.vstack([way[: -1 : max(len(way) // 60, 1)], way[-1:]]))
@@ -224,11 +224,6 @@ def _look_alike(small: Shown, wall: Wall, window: Window, body: SeenBody, asked:
     alike, large = np.empty(asked.shape, dtype=np.uint8), _larger(window)
     look_alike(small.lab(window), wall.colour[large], wall.times[large], inside, outside, asked, alike)
     return alike
-
-
-def _smaller(places: FloatArray) -> FloatArray:
-    """Places (n, 2) px of a picture in a smaller one of it."""
-    return (places + 0.5) / COARSE - 0.5
 
 
 def _larger(window: Window) -> Window:

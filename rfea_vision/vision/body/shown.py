@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import scaled
 from rfea_vision.vision.body.model import Picture
 
 STEPS = 8  # pictures are enlarged by eighths, and looked at half as large:
@@ -48,7 +49,7 @@ class Shown:
         if np.array_equal(self.moved, np.eye(2, 3)):
             return self.picture[window] if self.enlarged == 1.0 else self._resized(window)
         rows, columns = window
-        corner = (np.array([columns.start, rows.start]) + 0.5) / self.enlarged - 0.5
+        corner = scaled(np.array([columns.start, rows.start]), 1.0 / self.enlarged)
         turns = self.moved[:, :2]
         to_picture = np.column_stack([turns / self.enlarged, turns @ corner + self.moved[:, 2]])
         back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import project, unproject
-from rfea_vision.lines import along
+from rfea_vision.lines import along, scaled
 from rfea_vision.vision.curve import (
     VERTICES,
     WIDTH_COEFFICIENTS,
@@ -54,6 +54,12 @@ class Scene:
     def clamp_px(self) -> FloatArray | None:
         """The clamp's two edges (2, 2), where they were pointed at."""
         return None if self.hints.clamp is None else np.asarray(self.hints.clamp, dtype=float).reshape(-1, 2)
+
+    def pointed(self, scale: float = 1.0) -> tuple[FloatArray, FloatArray, float]:
+        """Pointed at, in pictures `scale` times as large: the clamp's edges (2, 2), the line (n, 2), half the width, px."""
+        assert self.clamp_px is not None
+        clamp, line = (scaled(places, scale) for places in (self.clamp_px, self.line_px))
+        return clamp, line, 0.5 * float(np.linalg.norm(clamp[1] - clamp[0]))
 
     @property
     def tip_px(self) -> FloatArray | None:
@@ -175,7 +181,7 @@ def _askew(line_mm: FloatArray, scene: Scene) -> str:
     leaves = line_mm[int(np.argmax(gone > scene.half_mm))] - line_mm[0]
     across = other - one
     askew = float(np.arctan2(abs(leaves @ across), abs(leaves[0] * across[1] - leaves[1] * across[0])))
-    wide = float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    wide = 2.0 * scene.pointed()[2]
     if askew <= HINT_LEAVES + CLAMP_POINTED_PX / max(wide, 1.0):
         return ""
     return f"off_hints: what was found leaves camera.clamp {np.rad2deg(askew):.0f} degrees from squarely"

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along, evenly
+from rfea_vision.lines import along, evenly, scaled
 
 WIDTH_SCALED_PX = 9.0  # the picture is scaled until the tube is this wide
 ORIENTATIONS = 36
@@ -106,7 +106,7 @@ def find_paths(
             found = np.vstack([behind[::-1], [[x, y, strength]], ahead])
             for px, py in found[:, :2].round().astype(int):
                 taken[max(py - 2, 0) : py + 3, max(px - 2, 0) : px + 3] = True
-            points = (found[:, :2] + 0.5) / scale - 0.5
+            points = scaled(found[:, :2], 1.0 / scale)
             gaps = [] if near_px is None else [np.linalg.norm(points - place, axis=1).min() for place in near_px]
             if len(points) < 5 or max(gaps, default=0.0) >= 3 * width_px:
                 continue

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along, at, evenly
+from rfea_vision.lines import along, at, evenly, scaled
 from rfea_vision.vision.find.locate import WIDTH_SCALED_PX, Path, find_paths, length_score
 
 LEAST_SIDE_PX = 16  # of the smaller pictures
@@ -54,14 +54,14 @@ class Motion:
 
     def along(self, line_px: FloatArray) -> FloatArray:
         """Change (STATIONS,) along a line (n, 2) px of the film, over what most of the picture does."""
-        x, y = ((evenly(line_px, STATIONS) + 0.5) * self.scale - 0.5).astype(np.float32).T
+        x, y = scaled(evenly(line_px, STATIONS), self.scale).astype(np.float32).T
         return cv2.remap(self.change, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel().astype(float)
 
     def ribbons(self, width_px: float, length_px: float) -> list[Path]:
         """Lines of the tube's width in what changes: where the wall is no plainer than the tube, that shows it best."""
         picture = np.clip(255.0 * self.change / max(float(np.quantile(self.change, BRIGHTEST)), 1e-3), 0, 255).astype(np.uint8)
         paths = find_paths(picture, width_px * self.scale, length_px * self.scale)
-        return [replace(path, points=(path.points + 0.5) / self.scale - 0.5) for path in paths if path.polarity > 0]
+        return [replace(path, points=scaled(path.points, 1.0 / self.scale)) for path in paths if path.polarity > 0]
 
 
 def moving_lines(paths: Iterable[Path], motion: Motion, length_px: float) -> list[FloatArray]:
