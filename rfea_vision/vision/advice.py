@@ -195,10 +195,10 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
 
 def end_like_wall(follower: Follower | BodyFollower) -> str:
     """Say that a body's end cannot be told from what is behind it, and what shows it; empty where it can."""
-    if not isinstance(follower, BodyFollower) or not follower.walls.any():
+    if not isinstance(follower, BodyFollower) or follower.body.told.all():
         return ""
     length_mm = follower.scene.length_mm
-    end_mm = f"{float(np.mean(follower.walls)) * length_mm:.{digits_of(length_mm)}f}"
+    end_mm = f"{float(np.mean(~follower.body.told)) * length_mm:.{digits_of(length_mm)}f}"
     return (
         f"the last {end_mm} mm of the tube look like the wall behind them, and its end is known by so much less: stick something of "
         "another colour around the end, or hang something plain of another colour behind it"

@@ -225,22 +225,14 @@ def wrong_side(bend_deg: FloatArray, bends: str) -> str:
 def follow_body(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress, *, held: bool = False
 ) -> tuple[BodyFollower, Rows]:
-    """Follow the whole body by colour, texture and outline, from what was pointed at; `held` by something that moves, from there.
-
-    Where it has gone and its end stayed behind, that is wall, and none of the body from the first frame on: it is followed anew.
-    """
-    scale, walls, total = scale_for(scene, source.size), None, _frame_count(source)
-    while True:
-        follower, seen = BodyFollower(scene, scale, walls, held=held), Rows(rows.nodes, rows.segments)
-        read = follower.picture_scale
-        small = None if lamp is None else tuple(slice(int(read * s.start), int(read * s.stop) + 1) for s in lamp)
-        for done in _added(seen, follower, source, levelled(source.colours(read)), small, progress):
-            late = too_late(done, seen.good, seen.copies, total, lost=follower.missed)
-            if follower.learned or follower.hopeless() or late:
-                break
-        if not follower.learned:
-            return follower, seen
-        walls = follower.walls
+    """Follow the whole body by colour, texture and outline, from what was pointed at; `held` by something that moves, from there."""
+    follower, total = BodyFollower(scene, scale_for(scene, source.size), held=held), _frame_count(source)
+    read = follower.picture_scale
+    small = None if lamp is None else tuple(slice(int(read * s.start), int(read * s.stop) + 1) for s in lamp)
+    for done in _added(rows, follower, source, levelled(source.colours(read)), small, progress):
+        if follower.hopeless() or too_late(done, rows.good, rows.copies, total, lost=follower.missed):
+            break
+    return follower, rows
 
 
 def too_late(done: int, good: int, copies: int, total: int, *, lost: int) -> bool:

@@ -17,8 +17,7 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import UNIFORMLY, held_to_length
 from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, gradual
 from rfea_vision.vision.curve import COEFFICIENTS
-from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.track import follow_body, make_scene
+from rfea_vision.vision.track import make_scene
 
 RUBBER, WALL = (210, 225, 228), (60, 70, 66)
 HALF = 12.0
@@ -244,6 +243,7 @@ def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_sai
         assert cover or abs(off @ tangent) / np.linalg.norm(tangent) < 0.25 * HALF, "rays see where the rest ends"
     assert accepted >= (6 if first == 53 else 4)
     assert abs(follower.body.last - first) <= 3, "a tail that is longer than a fifth looks like itself"
+    assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
 
 
 @pytest.mark.parametrize("gone", [2.2, 40.0])
@@ -268,24 +268,6 @@ def test_an_end_that_only_the_click_shows_is_known_no_better_than_edges_and_clic
     off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
     assert track.dataset.attrs["followed_by"] == "edges" and track.valid.all() and np.linalg.norm(off, axis=1).min() > 8.0
     assert np.all(np.abs(off) < 3.0 * track.dataset["tip_sigma"].values)
-
-
-def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(tmp_path, monkeypatch):
-    """The last eighth is a blotchy wall's, as no colour of the first frame tells: the film is followed anew without it and says so."""
-    looked, whole = [], BodyFollower.next
-    monkeypatch.setattr(BodyFollower, "next", lambda *seen: looked.append(1) or whole(*seen))
-    rng, bends = np.random.default_rng(4), 0.3 + 1.0 * np.sin(np.linspace(0.0, np.pi, 14))
-    blots = [((x, y, x + 12, y + 12), tuple(rng.integers(40, 150, 3).tolist())) for x, y in rng.integers(0, 140, (60, 2)).tolist()]
-    lines = [middle_of(bend, 90.0) for bend in bends]
-    for k, line in enumerate(lines):
-        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), drawn(line[:57], np.full(57, HALF), blots))
-    scene = follower_of(lines[0]).scene
-    follower, rows = follow_body(open_frames(tmp_path, None, 20.0), scene, None, Rows(9, 4), None)
-    assert len(rows) == len(lines) and len(looked) < 1.7 * len(lines), "what was followed before is not followed to its end"
-    assert rows.good >= 9 and 0.05 < np.mean(follower.walls) < 0.2 and not follower.learned, "it was known when it began again"
-    assert follower.walls[-4:].all() and not follower.walls[:54].any()
-    assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
-    assert end_like_wall(follower_of(lines[0])) == ""
 
 
 @pytest.mark.parametrize(("aside", "least", "most"), [(0.0, 1.0, 1.2), (5.0, 2.5, 6.5)])

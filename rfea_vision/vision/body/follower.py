@@ -54,13 +54,11 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     Sight,
     Skin,
-    end_of,
     follow_colours,
     frame_of,
     lab_of,
     learn_beyond,
     learn_colours,
-    left_behind,
     middle,
     skin_of,
     told_from_wall,
@@ -102,14 +100,11 @@ class BodyFollower:
     ----------
     scene : with clamp and tip pointed at
     scale : of the pictures in which it is followed over those of the film, in which the hints were given
-    walls : (STATIONS,) which of its end cannot be told from the wall, as an earlier look at the film has shown
     held : by something that moves, so that the wall does in the pictures
     """
 
-    def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None, *, held: bool = False) -> None:
+    def __init__(self, scene: Scene, scale: float, *, held: bool = False) -> None:
         self.scene, self.scale, self.held = scene, scale, held
-        self.walls = np.zeros(STATIONS, dtype=bool) if walls is None else walls
-        self.learned = False  # more of these than was known in the first frame
         self.px_per_mm = scene.px_per_mm * scale
         self.camera = scene.camera.copy()
         self.camera[1:3] *= scale
@@ -243,8 +238,7 @@ class BodyFollower:
         learn_colours(lab, self.body)
         learn_beyond(lab, self.body)
         offsets = self._end_seen(lab, half)
-        self.walls = self.walls | ~told_from_wall(self.body)
-        self.body.told = ~self.walls
+        self.body.told = told_from_wall(self.body)
         if self.body.untold:  # then the end that is seen is that of the rest, if all rays see one
             offsets = self._end_seen(lab, half)
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
@@ -257,7 +251,7 @@ class BodyFollower:
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), self.enlarged)
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
-        self.first_body, self.stayed = self.body.copy(), np.zeros(STATIONS, dtype=int)
+        self.first_tip = self.body.points[-1].copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         missed = np.array([clicked, *missed_by(self.line, self.body, half, believed=bool(believed))])
         self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
@@ -359,7 +353,7 @@ class BodyFollower:
         if self.good and self.end_offsets is None:
             _, told = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
             self.guessed += not told and not fit.material
-            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.first_body.points[-1]))
+            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.first_tip))
             grown = float(np.hypot(grown, 0.0 if told else LENGTH_SPREAD * fit.body.length))
             slipped += 1.0 / (told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
         slipped += float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0  # rays, or what was carried, are off by that
@@ -372,11 +366,6 @@ class BodyFollower:
             self.first.fit, self.edge_offsets = fit, beyond_half(lab, self.wall, fit.body)
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
-            self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin.colours, self.body)
-            stayed = self.stayed > 0
-            self.learned |= bool(np.any((end := stayed & (np.arange(STATIONS) >= STATIONS - end_of(stayed))) & ~self.walls))
-            self.walls = self.walls | end
-            self.body.told = ~self.walls
             self._learn_end(lab)
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)

@@ -36,8 +36,6 @@ ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is near
 SAME_COLOUR = 2.0
 TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 CLEAR = 3.0  # standard deviations between two colours that are never confused
-LEFT = 9.0  # times less, squared: chosen, a third of what tells the body from what is around it
-INNER = 0.5  # half widths off the line: what lies farther out is read with an edge
 SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
@@ -209,20 +207,6 @@ def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:
     if walls[: STATIONS - STATIONS // 5 + 1].any():
         walls = np.linalg.norm(inside[:, None] - inside[walls], axis=2).min(axis=1) < SAME_COLOUR
     return ~walls | (np.arange(STATIONS) < STATIONS - end_of(walls))
-
-
-def left_behind(picture: Picture, window: tuple[slice, slice], first: SeenBody, skin: FloatArray, body: SeenBody) -> NDArray[np.int64]:
-    """Where (S,) the first frame's skin (S, V, 3) has stayed in the picture while the body went away from there: 1, as walls do.
-
-    -1 where something else is seen there now, and 0 where the body still is, or outside of what is looked at.
-    """
-    gone = np.min(np.linalg.norm(first.points[:, None] - body.points, axis=2) - body.half, axis=1) > INNER * first.half
-    low, high = (np.array([getattr(part, end) for part in window[::-1]]) for end in ("start", "stop"))
-    gone &= np.all((first.points - first.half[:, None] > low) & (first.points + first.half[:, None] < high), axis=1)
-    off = (skin_of(picture, first) - skin)[:, np.abs(ACROSS_TEXTURE) < INNER]
-    clear = np.median(np.sum((first.inside[:, None, 0] - first.outside[:, :, 0]) ** 2 / LEAST_VARIANCE, axis=2))
-    stayed = np.mean(np.sum(off**2 / LEAST_VARIANCE, axis=2), axis=1) < min(CLEAR**2, clear / LEFT)
-    return np.where(gone, np.where(stayed, 1, -1), 0)
 
 
 def end_of(where: NDArray[np.bool_]) -> int:
