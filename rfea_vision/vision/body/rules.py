@@ -27,9 +27,6 @@ MOST = 0.5
 STILL = 0.65
 # Of the length: what holds for less than that in one piece may be chance, and so much of the line may lie where the hints forbid it.
 PIECE = 0.1
-# So much of the body must stand out from what is around it where most of its edges are not seen. In the first frames of ten hard
-# scenes of testing/phone.py the arms had 0.24 and more, and what was pointed at beside them (1.6 to 5 half widths) 0.15 at most.
-LEAST_STANDING_OUT = 0.2
 # Times as long as wide. Chosen between 1.2 and 1.8: of filmed bodies of 1.0, 1.0 and 1.2 none was followed well, one of 1.8 was.
 LEAST_SLENDER = 1.5
 # Of both its edges so much must be seen in the first frame (arms 0.31 and more; beside them the worse edge 0.22 at most), and of one
@@ -106,14 +103,6 @@ def _squat(first: First, fit: Fit) -> str:
     """Of a body about as long as wide the edges do not say which way its line goes."""
     slender = fit.body.length / (2.0 * float(middle(fit.body.half)))
     return "" if first.fit is not None or slender >= LEAST_SLENDER else f"it is {slender:.1f} times as long as wide"
-
-
-def _wall(first: First, fit: Fit) -> str:
-    share = float(np.mean(fit.standing_out))
-    if share >= LEAST_STANDING_OUT or np.mean(fit.seen, axis=0).max() >= MOST:
-        return ""
-    what = "what was pointed at" if first.fit is None else "what is there"
-    return f"{100 * share:.0f} % of {what} stands out from what is around it"
 
 
 def _unlike(first: First, fit: Fit) -> str:
@@ -212,7 +201,6 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("touches_border", _border),
     ("no_fit", _squat),
     ("no_fit", _folded),
-    ("no_tube", _wall),
     ("no_tube", _unlike),
     ("no_tube", _nothing),
     ("no_fit", _short),
