@@ -146,7 +146,7 @@ def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
 def as_first(body, share=1.0):
     """What was seen of a body in the first frame: all of it, or a share of its inside."""
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    return Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+    return Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, ())
 
 
 def test_a_line_that_turns_within_its_width_is_folded_and_where_is_said():
@@ -185,7 +185,7 @@ def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
         rays = np.array([np.nan, np.nan, end - aslant, end, end, end + aslant, np.nan])
         around = looks_around(picture, wall, body)
         backing = np.where(SHARES > 0.83, like, 1.0)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), seen, backing, rays, (), *around, np.ones(5)))
+        return refused(first, Fit(body, 1e-3 * np.eye(25), seen, backing, rays, (), *around))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == ""
@@ -215,22 +215,16 @@ def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("left", "out", "says"),
-    [
-        (1.0, 0.1, ""),
-        (0.45, 0.3, ""),
-        (0.2, 0.3, "edge_lost: 20 % of the left edge and 9 % of the right one are seen"),
-    ],
+    ("left", "says"), [(0.45, ""), (0.2, "edge_lost: 20 % of the left edge and 9 % of the right one are seen")]
 )
-def test_what_a_frame_shows_is_more_than_chance_however_little_the_first_one_did(left, out, says):
+def test_what_a_frame_shows_is_more_than_chance_however_little_the_first_one_did(left, says):
     """Beside a body a fifth of an edge is found by chance; a thin arm had hardly more at first."""
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
     first = First(180.0, body.half, (200, 160), 100.0, 1.8, None, as_first(body))
     first.fit.seen = np.column_stack([SHARES < 0.3, SHARES < 0.3])
-    first.fit.standing_out = np.full(5, 0.25)
     seen = np.column_stack([left > SHARES, SHARES < 0.08])
-    fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), (), standing_out=np.full(5, out))
+    fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), ())
     assert refused(first, fit) == says
 
 
@@ -245,7 +239,7 @@ def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first
     if first_share is not None:
         first.fit = as_first(body, first_share)
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    fit = Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+    fit = Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, ())
     assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
 
 
@@ -254,12 +248,12 @@ def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():
     line = 110.0 + (66.0 - 25.0 * turn / (2 * np.pi))[:, None] * np.column_stack([np.sin(turn), np.cos(turn)])
     rolled = np.full((220, 220, 3), (60, 128, 128), np.uint8)
     cv2.polylines(rolled, [np.round(line * 16).astype(np.int32)], False, (200, 120, 140), 24, cv2.LINE_AA, 4)
-    body, wall, out = first_body(rolled, line, 12.0), Wall(rolled.shape), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
+    body, wall = first_body(rolled, line, 12.0), Wall(rolled.shape)
     body.outside[:, :, 0] = (60, 128, 128)
     first = First(body.length, body.half, (220, 220), 100.0, 3.0, None, as_first(body))
     beside, beyond = looks_around(rolled, wall, body)
     seen = np.nan_to_num(beside, nan=1.0) < 0.5
-    fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond, out)
+    fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond)
     assert np.isnan(beside).any(axis=1).mean() > 0.3 and refused(first, fit) == ""
     assert off_beside(body, beside) < 1.0 < off_beside(body, np.nan_to_num(beside, nan=1.0))
 

@@ -250,8 +250,8 @@ def even(points: FloatArray) -> FloatArray:
     return evenly(points, STATIONS)
 
 
-def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray:
-    """Share of each piece (PIECES,) of the body that stands out from what is around it, 0 to 1: its colour, rims, or light on it.
+def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
+    """Share of the body that stands out from what is around it: its colour, rims, or light on it.
 
     Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
     that cross it do not. What is measured against is the scatter around the body.
@@ -262,7 +262,7 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray
     own = np.median(around, axis=1, keepdims=True)
     around_it = scatter(np.swapaxes(around, 0, 1))[:, None] + np.array(NOISE)
     clear = np.max(np.abs(profile - own) / around_it, axis=2) > CLEAR
-    return np.mean(clear[:, np.abs(SECTION) < 1.0], axis=1)
+    return float(np.mean(clear[:, np.abs(SECTION) < 1.0]))
 
 
 def first_body(picture: Picture, line: FloatArray, half_px: float | FloatArray) -> SeenBody:

@@ -109,7 +109,6 @@ class Fit:
     beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN where it is
         another stretch of it
     beyond : (8,) share of what is beyond its end that does, ever farther
-    standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     reason : why it is no measurement; empty where it is one
     off : px by which its line may lie off its middle, where it does most: by its edges, and by what lies beside it
     shown : px^-2, what its skin tells of how far its end has gone along the body, if that stretches evenly
@@ -123,7 +122,6 @@ class Fit:
     material: Sequence[SeenMark]
     beside: FloatArray = field(default_factory=lambda: np.zeros((STATIONS, 2)))
     beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
-    standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     reason: str = ""
     off: float = 0.0
     shown: float = 0.0

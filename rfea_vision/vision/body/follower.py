@@ -191,8 +191,6 @@ class BodyFollower:
         fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
         if self.first.fit is not None:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
-        half = self.pointed_half * float(middle(fit.body.half / self.first.half))
-        fit.standing_out = standing_out(lab, fit.body, half)
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         fit.reason = refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
@@ -274,8 +272,8 @@ class BodyFollower:
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
-        seen, out, here = np.mean(fit.seen), np.mean(standing_out(lab, body, half)), 1.0 - elsewhere(self.first, body.points)
-        return body, float(seen * (0.2 + out) * (0.2 + known) * alike * here), 1.0 - float(seen)
+        seen, here = float(np.mean(fit.seen)), 1.0 - elsewhere(self.first, body.points)
+        return body, seen * (0.2 + standing_out(lab, body, half)) * (0.2 + known) * alike * here, 1.0 - seen
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""

@@ -23,7 +23,7 @@ INNER = np.abs(ACROSS_TEXTURE) < 0.7  # half widths: what lies farther out is re
 # Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it); most of the
 # last body width, and of the last fifth, does, or has its edges; and most of what lies beyond the end does not.
 MOST = 0.5
-# Of what the first frame shows so much is still seen: of the inside; and of the edges, on one side at least, or of what stands out.
+# Of what of the inside looked like the body in the first frame so much still does.
 STILL = 0.65
 # Of the length: what holds for less than that in one piece may be chance, and so much of the line may lie where the hints forbid it.
 PIECE = 0.1
@@ -160,12 +160,7 @@ def _edges(first: First, fit: Fit) -> str:
     seen = f"{100 * left:.0f} % of the left edge and {100 * right:.0f} % of the right one are seen"
     if first.fit is None:
         return "" if min(left, right) >= FIRST_SEEN else f"{seen} where it was pointed at"
-    share, before = float(np.mean(fit.standing_out)), first.fit
-    if max(left, right) < FIRST_SEEN:
-        return seen
-    if max(left, right) >= STILL * np.mean(before.seen, axis=0).max() or share >= STILL * np.mean(before.standing_out):
-        return ""
-    return f"{seen}, and {100 * share:.0f} % of the body stands out from what is around it"
+    return "" if max(left, right) >= FIRST_SEEN else seen
 
 
 def _length(first: First, fit: Fit) -> str:
