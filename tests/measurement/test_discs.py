@@ -10,6 +10,7 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.lines import at
 from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.marks import find_marks, marks_in, place_of, row_of
 from rfea_vision.vision.body.model import SHARES, SeenBody
 from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.track import make_scene
@@ -25,15 +26,17 @@ def middle_of(bend: float) -> np.ndarray:
     return FOOT + np.vstack([[0.0, 0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]), axis=0)])
 
 
-def drawn(line: np.ndarray, *, rod: int = 2, plain: bool = False, hidden: bool = False) -> np.ndarray:
+def drawn(
+    line: np.ndarray, *, rod: int = 2, plain: bool = False, hidden: bool = False, pitch: float = PITCH, colour: tuple = (30, 30, 30)
+) -> np.ndarray:
     picture = np.full((*SIZE[::-1], 3), (150, 165, 160), np.uint8)
     cv2.rectangle(picture, (200, 270), (260, 300), (35, 30, 30), -1)
     cv2.polylines(picture, [np.round(16 * line).astype(np.int32)], False, (30, 30, 30), 24 if plain else rod, cv2.LINE_AA, 4)
-    for far in np.arange(PITCH, LENGTH + 0.1, PITCH):
+    for far in np.arange(pitch, LENGTH + 0.1, pitch):
         place, before = at(line, np.array([far, far - 3.0]))
         across = (place - before)[::-1] * [-HALF / 3.0, HALF / 3.0]
         ends = [np.round(16 * (place + side * across)).astype(int).tolist() for side in (-1, 1)]
-        cv2.line(picture, ends[0], ends[1], (30, 30, 30), 3, cv2.LINE_AA, 4)
+        cv2.line(picture, ends[0], ends[1], colour, 3, cv2.LINE_AA, 4)
     if hidden:
         cv2.rectangle(picture, (0, 0), (360, 200), (40, 160, 60), -1)
     noise = np.random.default_rng(0).normal(0, 2, picture.shape)
@@ -101,3 +104,41 @@ def test_an_arm_that_was_lost_may_be_as_long_as_when_its_end_was_last_seen():
     found = follower.next(drawn(middle_of(0.67)), 0.0)  # its rays agree in the frame before
     assert found == "" and float(follower.work.numbers["tip_variance"][0]) < known + 0.1 * PITCH**2
     assert follower.known_length == follower.body.length
+
+
+FEW = {"rod": 1, "pitch": 23.0, "colour": (50, 60, 200)}  # nine red discs, two half widths apart: most of such an arm is wall
+
+
+def test_an_arm_of_few_discs_is_read_by_these():
+    """Of what was pointed at a tenth looks like a body: outlines, rays through the end and rules saw the wall between the discs."""
+    lines = [middle_of(bend) for bend in 0.2 + 0.6 * (1 - np.cos(np.linspace(0, np.pi, 25)))]
+    follower = begun(drawn(lines[0], **FEW), lines[0])
+    assert len(follower.marks) == 9
+    for k, line in enumerate(lines[1:], 1):
+        assert follower.next(drawn(line, **FEW), k / 30) == "", f"frame {k}"
+        assert np.linalg.norm(follower.body.points - line, axis=1).max() < 0.25 * HALF, f"frame {k}"
+
+
+@pytest.mark.parametrize("slipped", [-23.0, 23.0])
+def test_a_disc_is_not_taken_for_the_next_one(slipped):
+    """Flow that has slipped by a disc along the outer half of an arm: the row of discs is one short then, or two lie too far apart."""
+    follower = begun(picture := drawn(line := middle_of(0.4), **FEW), line)
+    lab = follower.last.lab
+    assert lab.shape == picture.shape
+    far = SHARES * (LENGTH + slipped * np.clip((SHARES - 0.4) / 0.2, 0.0, 1.0))
+    predicted = replace(follower.body, points=at(np.vstack([line, 2 * line[-1:] - line[-9:-8]]), far))
+    found = marks_in(lab, follower.marks, predicted, follower.body, follower.wall)
+    assert len(found) >= 7
+    assert max(np.linalg.norm(seen.place - place_of(seen.mark, follower.body)) for seen in found) < 2.0
+
+
+def test_things_in_a_row_behind_a_body_are_no_discs():
+    """Unevenly apart, of different sizes, or not from edge to edge."""
+    body = begun(picture := drawn(line := middle_of(0.2), plain=True), line).body
+    for thick, far in ((3, [20, 43, 66, 110, 121, 168, 190]), (3, [20, 43, 66])):
+        marked = picture.copy()
+        for at_px in far:
+            place, before = at(line, np.array([at_px, at_px - 3.0]))
+            across = (place - before)[::-1] * [-HALF / 3.0, HALF / 3.0]
+            cv2.line(marked, *(np.round(place + side * across).astype(int).tolist() for side in (-1, 1)), (50, 60, 200), thick)
+        assert row_of(find_marks(np.asarray(cv2.cvtColor(marked, cv2.COLOR_BGR2LAB)), body, None)) == []

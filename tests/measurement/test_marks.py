@@ -88,10 +88,10 @@ def test_marks_are_followed_and_pins_are_not(aside):
     marks = find_marks(picture(), body, None)
     wall.learn(picture(), body)
     wall.times[:] = 9
-    found = marks_in(picture(aside), marks, body, wall)
+    found = marks_in(picture(aside), marks, body, body, wall)
     moved = {round(seen.place[1]): seen.place[0] - place_of(seen.mark, body)[0] for seen in found}
     assert moved == {90: pytest.approx(aside, abs=0.3), 150: pytest.approx(aside, abs=0.3)}
-    (left,) = marks_in(picture(aside, covered=True), marks, body, wall)
+    (left,) = marks_in(picture(aside, covered=True), marks, body, body, wall)
     assert round(left.place[1]) == 90
 
 
@@ -106,7 +106,7 @@ def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(
     clamp = np.array([body.points[0], [0.0, 1.0]])
     covariance = np.eye(UNKNOWNS) * 1e2
     for _ in range(3):
-        seen = marks_in(swollen, marks, body, wall)
+        seen = marks_in(swollen, marks, body, body, wall)
         evidence = Evidence(swollen, wall, clamp, np.full(STATIONS, 10.0), None, marks=seen)
         body = fit_body(evidence, body, covariance, 8.0).body
     assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
@@ -118,7 +118,7 @@ def test_marks_outweigh_what_was_carried():
     body, wall = arm(), Wall(picture().shape)
     marks = find_marks(picture(), body, None)
     seen = picture(3.0)
-    found = marks_in(seen, marks, body, wall)
+    found = marks_in(seen, marks, body, body, wall)
     clamp = np.array([body.points[0] + np.array([3.0, 0.0]), [0.0, 1.0]])
     evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=found)
     body = fit_body(evidence, body, 0.5**2 * np.eye(UNKNOWNS), 8.0).body
@@ -141,7 +141,7 @@ def test_a_chamber_that_swells_to_one_side_does_not_turn_the_marked_end(top, bot
     for px in np.minimum(np.arange(1, 17), 6):
         seen = swollen(int(px))
         clamp = np.array([[59.5, 20.0], [0.0, 1.0]])
-        evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=marks_in(seen, marks, body, wall))
+        evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=marks_in(seen, marks, body, body, wall))
         fit = fit_body(evidence, body, covariance, 8.0)
         body, covariance = fit.body, fit.covariance + 0.05 * np.eye(UNKNOWNS)
     assert body.points[32, 0] == pytest.approx(62.5, abs=0.5), "the middle of the edges"
@@ -155,7 +155,7 @@ def test_a_mark_whose_middle_is_pointed_at_as_the_tip_is_a_mark():
         body, wall = first_body(picture(), points, 10.0), Wall(picture().shape)
         marks = find_marks(picture(), body, lab_of(RED))
         assert [mark.share for mark in marks] == [pytest.approx(130 / (end - 20), abs=0.01)]
-        found = marks_in(picture(6.0), marks, body, wall)
+        found = marks_in(picture(6.0), marks, body, body, wall)
         assert [seen.place[0] for seen in found] == [pytest.approx(69.0, abs=0.3)]
         lines = along_line(found, body, body.points, 1.0)
         assert len(lines) == (end > 150.0)
@@ -191,7 +191,7 @@ def test_a_cap_as_wide_as_the_body_holds_it_along_itself_alone():
     body, wall = arm(), Wall(picture().shape)
     marks = [mark for mark in find_marks(capped(0), body, None) if mark.share > 0.7]
     assert [mark.wide for mark in marks] == [True] and not any(mark.wide for mark in find_marks(picture(), body, None))
-    found = marks_in(capped(6), marks, body, wall)
+    found = marks_in(capped(6), marks, body, body, wall)
     assert found[0].place[0] < 57.5
     evidence = Evidence(capped(6), wall, np.array([body.points[0], [0.0, 1.0]]), np.full(STATIONS, 10.0), None, marks=found)
     fit = fit_body(evidence, body, 1e2 * np.eye(UNKNOWNS), 8.0)

@@ -13,6 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, evenly, scaled
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
+from rfea_vision.vision.body.marks import Mark, find_marks, place_of, row_of
 from rfea_vision.vision.body.model import (
     CLEAR,
     NORMAL_BASIS,
@@ -114,6 +115,28 @@ def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
     stations, taken = ways.to((STATIONS - 1, int(np.argmin(ways.total[-1])))).T
     off = ACROSS_SMOOTH @ np.interp(np.arange(STATIONS), stations, steps[taken])
     return line + off[:, None] * normals
+
+
+def through_rungs(
+    picture: Picture, lines: list[FloatArray], half_px: float, hinted: FloatArray | None
+) -> tuple[FloatArray, list[Mark]] | None:
+    """Stations (S, 2) px through the discs of an arm, and these as its marks: between them is wall, which leads outlines astray.
+
+    They are sought along `lines` of stations; `hinted` is the colour (3,) of marks in CIELAB, if it was named. None where no line
+    has a row of them.
+    """
+    bodies = [first_body(picture, line, half_px) for line in lines]
+    body, row = max(((body, row_of(find_marks(picture, body, hinted))) for body in bodies), key=lambda found: len(found[1]))
+    if not row:
+        return None
+    line, places = body.points, np.array([place_of(rung, body) for rung in row])
+    apart = float(np.linalg.norm(places[-1] - places[-2]))
+    ahead = (places[-1] - places[-2]) / apart
+    left = float((line[-1] - places[-1]) @ ahead)
+    end = places[-1] + max(left, 0.0) * ahead if left < apart else line[-1]  # nobody clicks on the middle of the last disc
+    first = int(np.linalg.norm(places[0] - line[0]) < half_px)
+    line = even(smooth_line(np.vstack([line[:1], places[first:], end])))
+    return line, row_of(find_marks(picture, first_body(picture, line, half_px), hinted))
 
 
 def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float) -> FloatArray:

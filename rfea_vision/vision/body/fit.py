@@ -19,7 +19,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, at_stations
-from rfea_vision.vision.body.marks import SeenMark, place_of
+from rfea_vision.vision.body.marks import SeenMark, carried_by, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -43,7 +43,7 @@ UNKNOWNS = 25
 TURNS = 3
 CORRELATED = 3.0  # edges of so many neighbouring stations err alike
 AS_BEFORE = 0.5  # of what an edge lay off the first frame's outline, 1 s.d., chosen: it may as well lie where that is
-EDGE_REACH = 0.4  # half widths to either side in which the first frame's edges are looked for, as they are in later turns of a fit
+EDGE_REACH = 0.4  # half widths to either side in which the first frame's edges are looked for, as in later turns; and ends after marks
 CLAMP_PX = 0.4  # along the body, where it begins stays where it was pointed at,
 # Share of the half width to which it stays there across the body: people point beside it, and rubber gives way in a clamp.
 # Four films of silicone are read at 0.05 and at 0.1; at 0.1 a photographed tube and worms had left the clamp.
@@ -99,15 +99,14 @@ class Fit:
     ----------
     body : where it is now
     covariance : (25, 25) px^2 of the displacement's coefficients
-    seen : (S, 2) whether each side's edge was found
-    backing : (S,) share of the inside that looks like the body
+    seen : (S, 2) whether each side's edge was found, or neighbouring marks tell where it is
+    backing : (S,) share of the inside that looks like the body; all of it between neighbouring marks
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
     material : the coloured marks that it was held by
 
     and when it is judged
 
-    beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN where it is
-        another stretch of it
+    beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN on another stretch of it
     beyond : (8,) share of what is beyond its end that does, ever farther
     reason : why it is no measurement; empty where it is one
     off : px by which its line may lie off its middle, where it does most: by its edges, and by what lies beside it
@@ -194,6 +193,8 @@ class Evidence:
         if self.end_offsets is None:
             return np.full(RAYS, np.nan)
         end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
+        if carried_by(self.marks, body)[-1]:  # between discs is wall: a ray may see the end of the last but one
+            end[np.abs(end) > EDGE_REACH * body.end_half] = np.nan
         _add_end(matrix, vector, end, body.last, TRUSTED**0.5 if self.marks else 1.0)
         half, shape = body.end_half, self.end_offsets
         if abs(shape[2:5].mean() - shape[[0, -1]].mean()) < STRAIGHT * half:
@@ -213,9 +214,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     body, total = predicted.copy(), np.zeros(UNKNOWNS)
     prior: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     shape = POINTED_SHAPE if evidence.skin is None else BENDING / HELD_SHAPE_PX**2 if evidence.lost else FORETOLD_SHAPE
-    # px that it may have slipped along itself
-    slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))
-    rest = float(middle(evidence.rest_half))
+    slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))  # px, along itself
     for turn in range(TURNS):
         (tangents, normals), lengths = frame_of(body.points), along(body.points)
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
@@ -236,10 +235,11 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
         if turn + 1 == TURNS or (turn and np.abs(shift).max() < 0.05):
             break
-    body.points = gradual(body.points, rest)
+    body.points = gradual(body.points, float(middle(evidence.rest_half)))
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
-    return Fit(body, inverse, seen, backing, end, evidence.marks, off=off, shown=shown)
+    carried = carried_by(evidence.marks, body)
+    return Fit(body, inverse, seen | carried[:, None], np.maximum(backing, carried), end, evidence.marks, off=off, shown=shown)
 
 
 def beyond_half(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:

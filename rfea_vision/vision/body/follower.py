@@ -25,6 +25,7 @@ from rfea_vision.vision.body.begin import (
     onwards,
     pointing,
     standing_out,
+    through_rungs,
 )
 from rfea_vision.vision.body.fit import (
     ALONG,
@@ -46,7 +47,7 @@ from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, hel
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import LAGS, POINTED_PX, as_state, end_variance, fill_numbers
-from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
+from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in, put_on
 from rfea_vision.vision.body.model import (
     SHARES,
     STATIONS,
@@ -217,6 +218,9 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
+        hinted = None if self.scene.hints.marks is None else lab_of(self.scene.hints.marks)
+        if through := through_rungs(lab, lines, half, hinted):
+            lines, self.marks = [through[0]], through[1]
         unseen = np.inf
         for end in (1.0, *OTHER_ENDS):
             body, _, left = max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1])
@@ -246,8 +250,8 @@ class BodyFollower:
         self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
-        hinted = self.scene.hints.marks
-        self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), self.enlarged)
+        rungs = put_on(marks_in(lab, self.marks, self.body, self.body, self.wall), self.body)
+        self.marks = rungs or find_marks(lab, self.body, hinted, self.enlarged)
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first_tip = self.body.points[-1].copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
@@ -307,9 +311,9 @@ class BodyFollower:
     ) -> Fit:  # fmt: skip
         half = float(middle(predicted.half))
         evidence = Evidence(lab, self.wall, self.foot, self.first.half, None, lost=self.missed > 0)
+        evidence = replace(evidence, marks=marks_in(lab, self.marks, predicted, self.body if self.good else predicted, self.wall))
         if skin:
-            marks = marks_in(lab, self.marks, predicted, self.wall)
-            evidence = replace(evidence, skin=self.skin, edge_offsets=self.edge_offsets, end_offsets=self.end_offsets, marks=marks)
+            evidence = replace(evidence, skin=self.skin, edge_offsets=self.edge_offsets, end_offsets=self.end_offsets)
         return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
 
     def _predicted(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
