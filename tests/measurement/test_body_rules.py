@@ -9,8 +9,9 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.vision.body.around import SURELY, looks_around, off_beside
 from rfea_vision.vision.body.begin import first_body, hinted_lines
-from rfea_vision.vision.body.fit import SURELY, Fit, looks_around, off_beside, off_middle
+from rfea_vision.vision.body.fit import Fit, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.rules import First, elsewhere, refused

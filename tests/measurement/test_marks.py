@@ -148,6 +148,30 @@ def test_a_chamber_that_swells_to_one_side_does_not_turn_the_marked_end(top, bot
     assert body.points[-1, 0] == pytest.approx(59.5, abs=0.5)
 
 
+def test_beyond_a_mark_near_its_end_a_body_goes_straight_on():
+    """Tape that peels off to one side turned the line of four real arms there, by up to a quarter of a half width."""
+
+    def taped(px: int) -> np.ndarray:
+        lab = picture()
+        lab[164:182, 45:85] = lab[5, 5]  # the arm ends 1.4 half widths behind the mark
+        for row in range(152, 164):
+            aside = px * (row - 151) // 14
+            lab[row, 50 : 50 + aside], lab[row, 70 : 70 + aside] = lab[5, 5], lab[30, 60]
+        return lab
+
+    body = first_body(taped(0), np.column_stack([np.full(STATIONS, 59.5), np.linspace(20.0, 164.0, STATIONS)]), 10.0)
+    wall, covariance = Wall(taped(0).shape), np.eye(UNKNOWNS)
+    marks = find_marks(taped(0), body, lab_of(RED))
+    for px in (2, 4, 6, 8, 8, 8, 8, 8):
+        evidence = Evidence(
+            taped(px), wall, np.array([[59.5, 20.0], [0.0, 1.0]]), np.full(STATIONS, 10.0), None,
+            marks=marks_in(taped(px), marks, body, body, wall),
+        )  # fmt: skip
+        fit = fit_body(evidence, body, covariance, 8.0)
+        body, covariance = fit.body, fit.covariance + 0.05 * np.eye(UNKNOWNS)
+    assert body.points[-1, 0] == pytest.approx(59.5, abs=0.5)
+
+
 def test_a_mark_whose_middle_is_pointed_at_as_the_tip_is_a_mark():
     """The click is beside that middle, so that the mark may lie beyond the line's end; it holds the end, and tells of no stretch."""
     for end in (148.0, 151.5):

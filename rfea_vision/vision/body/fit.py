@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL as QUARTILE
+from rfea_vision.vision.body.around import BEYOND
 from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, at_stations
-from rfea_vision.vision.body.marks import SeenMark, carried_by, place_of
+from rfea_vision.vision.body.marks import SeenMark, carried_by, ends_marked, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -87,8 +88,6 @@ SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
 EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
-BESIDE, BEYOND = 1.6, np.arange(0.5, 4.1, 0.5)  # half widths off the line: the middle of what is beside the body; and off its end
-SURELY = 2.0  # evidence, odds of 7: what is around a pale body before a pale wall looks like it by a little
 
 
 @dataclass
@@ -263,45 +262,12 @@ def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
     return float(np.abs(np.convolve(off, window, "same") / seen).max())
 
 
-def off_beside(body: SeenBody, more: FloatArray) -> float:
-    """How far (px) the line may lie off its body's middle, where there is `more` (S, 2) of that on one side of it, over a body width.
-
-    Edges that are blurred, or break up between windings, may be found within the body; what they leave out lies beside the line.
-    """
-    half = float(middle(body.half))
-    apart = np.abs(np.nan_to_num(more[:, 0] - more[:, 1]))
-    window = np.ones(body.width_in_stations)
-    return float(np.convolve(apart, window / len(window), "same").max()) * 2.0 * (BESIDE - 1.0) * half
-
-
 def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:
     """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
     last, near = body.last, slice(body.last - 2, body.last + 1)
     inside, outside = body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1))
     tangent = frame_of(body.points)[0][last]
     return measure_end(wall.behind(picture), body.points[last], tangent, body.end_half, inside, outside, body.beyond, reach)
-
-
-def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:
-    """Share of what is around a body that surely looks like it.
-
-    (S, 2) to either side, from 1.2 to 2 half widths off its line; and (8,) up to four beyond its end. NaN where it has
-    rolled up and lies beside itself.
-    """
-    tangents, normals = frame_of(body.points)
-    behind, beside = wall.behind(picture), np.empty((2, STATIONS))
-    for side, sign in enumerate((1.0, -1.0)):
-        points = body.points + (sign * BESIDE * body.half)[:, None] * normals
-        outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
-        beside[side] = support(behind, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY)
-        beside[side, body.elsewhere_on(points)] = np.nan
-    last = np.full(len(BEYOND), body.last)
-    half = np.full(len(BEYOND), body.end_half)
-    points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
-    # At the very end half of what was read may lie beyond it, and a half width before that discs may have a gap.
-    like = (last, np.maximum(last - np.ceil(half / body.length * STATIONS).astype(int), 0))
-    shares = [support(behind, points, normals[last], half, body.inside[own], body.outside[own], SURELY) for own in like]
-    return beside.T, np.max(shares, axis=0)
 
 
 def _add_shape(
@@ -343,13 +309,21 @@ def _add_clamp(
 def _add_marks(
     matrix: FloatArray, vector: FloatArray, body: SeenBody, marks: Sequence[SeenMark], tangents: FloatArray, normals: FloatArray
 ) -> None:
-    """Marks hold the material where they are seen: on the scale of flow, which claims too much, along the body and across."""
+    """Marks hold the material where they are seen: on the scale of flow, which claims too much, along the body and across.
+
+    Beyond one that is near its end a body goes straight on, to 0.1 rad on that scale: ends are closed by glue, and hardly bend.
+    """
     for seen in marks:
         near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
         off, stderr = seen.place - place_of(seen.mark, body), TRUSTED**0.5 * seen.stderr
         if not seen.mark.wide:
             add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], stderr)
         add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], stderr)
+    if ends_marked(marks, body):
+        near, ahead = round(marks[-1].mark.share * (STATIONS - 1)), tangents[-1]
+        turned = float(np.arctan2(ahead @ normals[near], ahead @ tangents[near]))
+        stderr = TRUSTED**0.5 * END_TURNS * body.length
+        add_row(matrix, vector, NORMAL.start, TURN_ROWS[-1] - TURN_ROWS[near], -turned * body.length, stderr)
 
 
 def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray, leans: float) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import scaled
+from rfea_vision.vision.body.around import looks_around, off_beside
 from rfea_vision.vision.body.begin import (
     END_NEAR,
     SQUARE,
@@ -40,8 +41,6 @@ from rfea_vision.vision.body.fit import (
     beyond_half,
     end_rays,
     fit_body,
-    looks_around,
-    off_beside,
 )
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of

@@ -38,6 +38,7 @@ RUNG_REACH = 3.0  # but flow may slip by a disc of an arm
 TURNED, STRETCHED, UNSEEN = 0.2, 0.1, 3.0
 FAR = 1e-4  # px^-2: of patches that may be a mark without neighbours the nearest is
 NEIGHBOURING = 4.0  # half widths, chosen: marks no farther from one another tell where all between them is
+ENDING = 1.5  # half widths, chosen: from a mark no farther from the end on the line is straight
 # A row of rungs, chosen: how many at least, over how much of the length, and by how much of it distances may differ.
 LEAST_RUNGS, ROW_LENGTH, EVENLY = 5, 0.6, 0.3
 SPANS = 1.4, 3.0  # half widths: how long a patch is that goes from edge to edge
@@ -232,6 +233,11 @@ def carried_by(found: Sequence[SeenMark], body: SeenBody) -> NDArray[np.bool_]:
     for low, high in zip(shares, [*shares[1:], 1.0], strict=True):
         carried |= (low <= SHARES) & (high >= SHARES) & (high - low <= near)
     return carried
+
+
+def ends_marked(found: Sequence[SeenMark], body: SeenBody) -> bool:
+    """Whether the last of the marks that are seen lies before a body's end, and near it."""
+    return bool(found) and 0.0 < (1.0 - found[-1].mark.share) * body.length < ENDING * float(middle(body.half))
 
 
 def along_line(

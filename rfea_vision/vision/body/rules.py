@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray, longest
+from rfea_vision.vision.body.around import BEYOND
 from rfea_vision.vision.body.begin import PIECES
-from rfea_vision.vision.body.fit import BEYOND, Fit
+from rfea_vision.vision.body.fit import Fit
 from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, frame_of, middle, skin_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
