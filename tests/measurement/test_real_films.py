@@ -24,7 +24,7 @@ def test_what_is_pointed_at_makes_sense(name: str):
     px_per_m = np.linalg.norm(np.subtract(*film.camera.scale.points)) / film.camera.scale.distance
     assert film.tube.length * px_per_m == pytest.approx(length_px, rel=0.1)
     assert film.tube.outer_radius * px_per_m == pytest.approx(film.half_width_px, rel=0.15)
-    assert length_px > 1.5 * 2 * film.half_width_px
+    assert length_px > 1.4 * 2 * film.half_width_px  # the stoutest, a gripper's arm, is 1.48 times as long as wide
     if film.end == "mark":
         assert film.mark is not None
     first = film.tips.get(film.stills[0] if film.stills else film.frames.first)
