@@ -32,6 +32,7 @@ function seek(force = false) {
   const frame = pose() * e.clip.step;
   if (frame === film.frame && !force) return;
   film.frame = frame; film.busy = true;
+  film.requestVideoFrameCallback?.(() => paintStage());  // a busy browser may say that it has sought before the picture is there
   film.currentTime = Math.min(film.duration - 1e-4, (frame + 0.5) * film.duration / e.clip.frames);
 }
 
