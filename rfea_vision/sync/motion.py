@@ -25,13 +25,14 @@ from rfea_vision.sync.ambiguity import check_direction, gaps_of, log_notes, outs
 from rfea_vision.sync.regression import (
     DRIFT,
     FIRST_TERM,
+    LEAST_EXPLAINED,
     OFFSET,
     Moments,
     choose,
     moments,
-    most_noise,
     shift_by_noise,
     standard_error,
+    with_possible_noise,
 )
 from rfea_vision.sync.sections import (
     ANGLE_INERTIA,
@@ -51,7 +52,6 @@ HIGHEST_OF_LOG_RATE = 0.15  # of the log's rate: a third of what it can show
 BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard error
 FILTER_REACH_S = 0.15  # at which the low-pass at HIGH_HZ has died away
 LEAST_SWING_DEG = 1.0  # less is hardly told from noise
-LEAST_EXPLAINED = 0.5  # of the pressure's variance
 SLOWEST_RAD_S = 10.0  # first mode of a slow tube, where the angle alone does not tell it
 #: 12,000 samples tell a variance to 1 %.
 MOST_REPLICATES, REPLICATED_SAMPLES = 8, 12_000
@@ -325,9 +325,6 @@ def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[Flo
     offset, found = _newton(seen, target, offset, use, columns, each[0], chosen)
     lasting = 0.5 * found.unaccounted(chosen)  # half: the rest of what noise does not explain may be lacking in the law
     noises = np.concatenate([np.sqrt(2 * (1 - lasting)) * each[0], np.sqrt(2 * lasting) * each[1]])
-    offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    scale = np.sqrt(min(most_noise(found, chosen), 1.0))  # fast motion looks like noise at high frequencies
-    noises, each = scale * noises, scale * each
     for _ in range(2):  # supplements change the offset, and the offset which supplements are chosen
         offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
         chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
@@ -385,7 +382,7 @@ def _newton(
             [without_slow(-slope, use, seen.rate), without_slow(-slope * (seen.grid - times.mean()), use, seen.rate)]
         )
         every = np.concatenate([np.broadcast_to(moving, (sections, *moving.shape)), columns], axis=2)
-        found = moments(every, noises, pressure, seen.rate)
+        found = with_possible_noise(moments(every, noises, pressure, seen.rate), chosen)
         change = float(np.clip(found.solve(chosen)[0] / found.scale[OFFSET], -0.015, 0.015))
         if abs(change) < 1e-7 or last == 14:
             break

@@ -23,6 +23,7 @@ from rfea_vision.arrays import FloatArray
 
 OFFSET, DRIFT, FIRST_TERM = 0, 1, 2  # columns
 LEAST_GAIN = 0.05  # of what is unexplained
+LEAST_EXPLAINED = 0.5  # of the pressure's variance, by what is accepted
 NOISE_ACCOUNTS = 1.15  # a rest at most so many times the noise needs no supplement
 STRETCH_S = 0.3  # residuals of neighbouring stretches are taken for independent
 FEWEST, MOST = 6, 20  # stretches
@@ -91,7 +92,9 @@ def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate:
 
 
 def most_noise(found: Moments, columns: list[int]) -> float:
-    """The largest factor on the noise at which it makes no more than the rest, and the equations stay positive."""
+    """The largest factor on the noise at which it makes no more than the rest, the law still explains `LEAST_EXPLAINED` of the
+    pressure, and the equations stay positive.
+    """
     gram, noise, right = (part.sum(0) for part in (found.gram, found.noise, found.right))
     pick = np.ix_(columns, columns)
 
@@ -100,7 +103,10 @@ def most_noise(found: Moments, columns: list[int]) -> float:
         if values[0] < -TINY * values[-1]:
             return False
         known = values > TINY * values[-1]
-        return bool(np.sum((vectors[:, known].T @ right[columns]) ** 2 / values[known]) <= found.power)
+        solution = vectors[:, known] @ ((vectors[:, known].T @ right[columns]) / values[known])
+        accounted = float(solution @ right[columns])
+        explained = 2 * accounted - float(solution @ gram[pick] @ solution)
+        return accounted <= found.power and explained >= LEAST_EXPLAINED * found.power
 
     low, high = 0.0, 1.0
     while possible(high) and high < MOST_NOISE:
@@ -109,6 +115,11 @@ def most_noise(found: Moments, columns: list[int]) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if possible(middle) else (low, middle)
     return low
+
+
+def with_possible_noise(found: Moments, columns: list[int]) -> Moments:
+    """The same with as much of its noise as is possible: fast motion looks like noise at high frequencies."""
+    return replace(found, noise=min(most_noise(found, columns), 1.0) * found.noise)
 
 
 def shift_by_noise(found: Moments, columns: list[int], which: int = OFFSET) -> float:

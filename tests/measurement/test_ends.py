@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from rfea_vision.vision.body import fit
 from rfea_vision.vision.body.model import SHARES
 
 from .test_gone import FOOT, HALF, RUBBER, drawn, follower_of, middle_of
@@ -113,14 +114,28 @@ def test_an_end_that_is_seen_holds_the_line_where_marks_do_not_reach():
     assert off < 0.15
 
 
+def test_an_end_that_pulls_marks_off_is_another_one(monkeypatch):
+    """A cable that crossed beyond an arm's end was taken for that, and its last mark lay ten of its standard errors off the line."""
+    line, picture = middle_of(0.1, 100.0), drawn(middle_of(0.1, 100.0), np.full(65, HALF))
+    x, y = line[54]
+    cv2.circle(picture, (round(16 * x), round(16 * y)), round(16 * 0.5 * HALF), (40, 40, 200), -1, cv2.LINE_AA, 4)
+    follower = follower_of(line)
+    assert follower.next(picture, 0.0) == "" and len(follower.marks) == 1
+    seen = fit.end_rays
+    monkeypatch.setattr(fit, "end_rays", lambda *place: seen(*place) * 0.0 + HALF)
+    for k in range(1, 10):  # never the same picture: that is a duplicate
+        assert follower.next(np.roll(picture, k % 2, axis=1), 0.05 * k) == "", k
+    assert float(np.linalg.norm(follower.body.points[-1] - line[-1])) < 0.3 * HALF
+
+
 @pytest.mark.parametrize("off_px", [-10.0, 0.0, 5.0])
 def test_what_rays_see_an_end_off_the_line_is_in_its_standard_error(off_px):
     """An arm that snapped round by half its length ended a half width before its line, and was said to be known to a fifth of that."""
     follower = follower_of(line := middle_of(0.1, 100.0))
     for k in range(2):
         assert follower.next(drawn(line, np.full(65, HALF)), 0.05 * k) == ""
-    fit = follower._fit(follower.last.lab, follower.body, follower._spread(), 0.8)
-    fit.end[:] = off_px
-    follower._accept(follower.last.lab, fit)
+    found = follower._fit(follower.last.lab, follower.body, follower._spread(), 0.8)
+    found.end[:] = off_px
+    follower._accept(follower.last.lab, found)
     stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm
     assert abs(off_px) <= stderr < abs(off_px) + 2.0

@@ -86,6 +86,9 @@ LEANING = NORMAL_BASIS.shape[1]  # splines along the body: with fewer, the edges
 LEANS_AT = np.arange(UNKNOWNS, UNKNOWNS + LEANING)
 SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
 EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
+END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
+# Standard errors of a mark by which its material lies off it, along the body, chosen: in nine films of silicone arms 2.9 at most.
+PULLED_OFF = 3.0
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
 
@@ -223,10 +226,13 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         _add_shape(matrix, vector, body, normals, lengths, evidence.rest_half)
         edges, backing = evidence.add_outline(matrix, vector, body, normals, lengths, span)
         shown = evidence.add_skin(matrix, vector, body, normals, slips)
-        end = evidence.add_end(matrix, vector, body, reach)
         _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], lengths[-1], evidence.rest_half)
         _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
+        before = matrix.copy(), vector.copy()
+        end = evidence.add_end(matrix, vector, body, reach)
         step = np.linalg.solve(matrix, vector)
+        if _pulled_off(evidence.marks, body, tangents, step, end):
+            matrix, step = before[0], np.asarray(np.linalg.solve(*before), dtype=float)
         total += step
         shift = (NORMAL_BASIS @ step[NORMAL])[:, None] * normals + (ALONG_BASIS @ step[ALONG])[:, None] * tangents
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
@@ -324,6 +330,19 @@ def _add_marks(
         turned = float(np.arctan2(ahead @ normals[near], ahead @ tangents[near]))
         stderr = TRUSTED**0.5 * END_TURNS * body.length
         add_row(matrix, vector, NORMAL.start, TURN_ROWS[-1] - TURN_ROWS[near], -turned * body.length, stderr)
+
+
+def _pulled_off(marks: Sequence[SeenMark], body: SeenBody, tangents: FloatArray, step: FloatArray, end: FloatArray) -> bool:
+    """Whether an `end` (RAYS,) that is seen off the line takes the material off a mark, by a step (25,): then it is another one."""
+    found = end[np.isfinite(end)]
+    if len(found) == 0 or abs(np.median(found)) < END_LEVEL * body.end_half:
+        return False
+    for seen in marks:
+        near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
+        off = (seen.place - place_of(seen.mark, body)) @ tangents[near] - ALONG_BASIS[near] @ step[ALONG]
+        if abs(off) > PULLED_OFF * seen.stderr:
+            return True
+    return False
 
 
 def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray, leans: float) -> None:

@@ -30,6 +30,7 @@ from rfea_vision.vision.body.begin import (
 )
 from rfea_vision.vision.body.fit import (
     ALONG,
+    END_LEVEL,
     NORMAL,
     SYSTEMATIC,
     TO_NORMAL,
@@ -80,7 +81,6 @@ AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a g
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 GROWS = 0.2  # of the way that an end has gone since it was pointed at, 1 s.d., chosen: so much a body that bends may have grown unseen
-END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 SNAPS = 1.0  # half widths from one frame to the next, chosen: what has gone so far is sought anew as well
 # Half widths around where it was: within four are skin and edges, it moves by less than the rest; as far as flow may have lost it.
 LOOKED_AT = 8.0, 16.0
