@@ -230,7 +230,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
         before = matrix.copy(), vector.copy()
         end = evidence.add_end(matrix, vector, body, reach)
-        step = np.linalg.solve(matrix, vector)
+        step = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
         if _pulled_off(evidence.marks, body, tangents, step, end):
             matrix, step = before[0], np.asarray(np.linalg.solve(*before), dtype=float)
         total += step
