@@ -116,6 +116,12 @@ class FilmFile(_Described):
         kept = range(self.frames.first, stop, self.frames.step)
         return kept.index(number) if number in kept else None
 
+    def begun_at(self, number: int) -> FilmFile:
+        """The frame with a number in the file alone, in which nothing but the clamp and the tip is pointed at."""
+        alone = {"stills": (number,)} if self.stills else {"frames": FramesPart(first=number, stop=number + 1)}
+        camera = self.camera.model_copy(update={"tip": self.tips[number], "centre_line": None})
+        return self.model_copy(update={**alone, "camera": camera})
+
     def film(self, folder: Path) -> Path:
         """Where the film is under the folder of all films."""
         return folder / self.source.replace("/", "+") / self.path

@@ -83,3 +83,8 @@ def test_a_ring_stays_a_ring_and_nothing_stays_nothing():
     count, _ = cv2.connectedComponents(1 - line, connectivity=4)
     assert count == 3 and 100 < line.sum() < 260  # inside, outside, the line
     assert not thinned(np.zeros((5, 5), bool)).any() and thinned(np.eye(7, dtype=bool)).sum() >= 2
+
+
+def test_a_body_that_fills_its_window_has_no_middle_that_is_known():
+    """Discs that looked like all of a window: no pixel was outside, depths had no end, and the film ended in an IndexError."""
+    assert middle_way(np.ones((40, 12), dtype=np.uint8), (20, 6), 6.0) is None

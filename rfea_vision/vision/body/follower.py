@@ -28,6 +28,7 @@ from rfea_vision.vision.body.begin import (
     standing_out,
     through_rungs,
 )
+from rfea_vision.vision.body.cut import through_cut_out
 from rfea_vision.vision.body.fit import (
     ALONG,
     END_LEVEL,
@@ -148,13 +149,12 @@ class BodyFollower:
         lab = self.wall.look(shown, *self.looked_at())
         guided = self._guided()
         if self.good == 0:
-            self._begin(lab)
-            fits = [self._fit(lab, self.body, self._spread(), 0.8)]
+            fits = [self._first_fit(lab)]
         else:
-            fits = [self._fit(lab, *self._predicted(lab), 0.8 if self.missed == 0 else 1.5)]
+            fits = [self._judged(lab, self._fit(lab, *self._predicted(lab), 0.8 if self.missed == 0 else 1.5))]
             if guided is not None:
-                fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
-        fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
+                fits.append(self._judged(lab, self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8)))
+        fit = max(fits, key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed_half
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
             lines = self._reached(shown)  # it may have gone farther than was looked at
@@ -209,14 +209,25 @@ class BodyFollower:
         line = None if self.guide is None else self.guide(self.frame)
         return None if line is None else onwards(scaled(line, self.scale), self.clamp.mean(axis=0))
 
-    def _begin(self, lab: Picture) -> None:
-        """Outline, colours, texture and end in the first frame."""
-        self.first.shape = lab.shape[:2]
-        self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
+    def _first_fit(self, lab: Picture) -> Fit:
+        """The first frame's fit along the lines that the hints allow; where it breaks a rule, along the way through what is cut out."""
+        self.first.shape, self.first.allowed = lab.shape[:2], allowed_pixels(lab.shape, self.scene.hints, self.scale)
+        size, allowed = (self.pointed_half, self.scene.length_mm * self.px_per_mm), self.first.allowed
+        lines = hinted_lines(lab, self.clamp, self.line, *size, colour=self.colour, allowed=allowed)
+        fit = self._begin(lab, lines)
+        if not fit.reason or len(self.line) > 2:
+            return fit
+        found, cut = (self.foot.copy(), self.marks, self.body), through_cut_out(lab, self.clamp, self.line[-1], *size, allowed)
+        if cut is not None and not (again := self._begin(lab, [cut])).reason:
+            return again
+        self.foot, self.marks, self.body = found
+        return fit
+
+    def _begin(self, lab: Picture, lines: list[FloatArray]) -> Fit:
+        """Outline, colours, texture and end in the first frame, sought along lines of stations (S, 2) px; and its fit."""
         half = self.pointed_half
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
-        lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
         hinted = None if self.scene.hints.marks is None else lab_of(self.scene.hints.marks)
         if through := through_rungs(lab, lines, half, hinted):
             lines, self.marks = [through[0]], through[1]
@@ -258,6 +269,7 @@ class BodyFollower:
         self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, 0, 1.0)
+        return self._judged(lab, self._fit(lab, self.body, self._spread(), 0.8))
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
         """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""

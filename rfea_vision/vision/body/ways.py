@@ -59,7 +59,7 @@ class Ways:
 def middle_way(inside: NDArray[np.uint8], start: tuple[int, int], half_px: float) -> FloatArray | None:
     """The way (n, 2) px through the middle of a body, from a pixel of it to where what hangs together with that reaches farthest.
 
-    From where it would run into a corner of the end it goes straight on to the outline. None where the pixel is outside.
+    From where it would run into a corner of the end it goes straight on to the outline. None where the pixel is outside, or nothing is.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def middle_way(inside: NDArray[np.uint8], start: tuple[int, int], half_px: float
     half_px : about half its width
     """
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 3)
-    if depth[start] == 0.0:
+    if depth[start] == 0.0 or inside.all():
         return None
     ways = Ways(np.where(depth > 0.0, np.maximum(depth, 0.5) ** -2.0, np.inf), [start])
     found = ways.to(np.unravel_index(int(np.argmax(np.where(np.isfinite(ways.total), ways.total, -1.0))), depth.shape))

@@ -1,0 +1,38 @@
+"""A first frame that the hints' own lines miss: the way through what is cut out of the picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.vision.body.cut import through_cut_out
+
+HALF, TURN = 9.0, np.linspace(0.0, 0.9 * np.pi, 200)
+
+
+def curled(wall: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    """CIELAB of a pale body that curls by nearly half a turn before a dark wall, and its centre line (200, 2) px."""
+    line = np.array([160.0, 200.0]) + np.column_stack([70.0 * (np.cos(TURN) - 1.0), -70.0 * np.sin(TURN)])
+    rgb = np.full((320, 300, 3), wall, dtype=np.uint8)
+    rgb[:, ::7] += 12
+    cv2.polylines(rgb, [np.round(16 * line).astype(np.int32)], False, (215, 210, 190), round(2 * HALF), cv2.LINE_AA, 4)
+    rgb[210:] = wall  # its clamp
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)), line
+
+
+@pytest.mark.parametrize("enlarged", [1, 3])
+def test_the_way_keeps_to_the_middle_of_a_curl(enlarged):
+    picture, line = curled()
+    picture = np.asarray(cv2.resize(picture, None, fx=enlarged, fy=enlarged))
+    clamp = enlarged * np.array([[151.0, 199.0], [169.0, 199.0]])
+    way = through_cut_out(picture, clamp, enlarged * line[-1], enlarged * HALF, enlarged * 200.0, None)
+    assert way is not None
+    off = np.linalg.norm(way[:, None] / enlarged - line, axis=2).min(axis=1)
+    assert off.max() < 0.5 * HALF and np.linalg.norm(way[32] / enlarged - line[100]) < 1.5 * HALF
+
+
+def test_where_hints_allow_nothing_there_is_no_way():
+    picture, _ = curled()
+    nowhere = np.zeros(picture.shape[:2], dtype=bool)
+    assert through_cut_out(picture, np.array([[-90.0, -99.0], [-70.0, -99.0]]), np.array([-50.0, -40.0]), HALF, 300.0, nowhere) is None
