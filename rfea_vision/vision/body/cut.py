@@ -20,6 +20,7 @@ BEHIND = 2.0  # and is not within so many behind the clamp,
 FARTHEST = 1.3  # nor farther from that than so many of its lengths
 TURNS = 4  # of learning colours and cutting: after few nothing changes
 LEAST_PIXELS = 10  # of the body, and of what it is not: GrabCut learns five colours of each
+GAPS = 0.1  # of the way, chosen: where more of it is none of the body's, this has not been cut out
 OUTSIDE = 4.0  # times as dear as the shallowest place of it: gaps are crossed where they are narrow
 
 
@@ -28,7 +29,8 @@ def through_cut_out(
 ) -> FloatArray | None:
     """Stations (S, 2) px from the clamp's middle to the tip, through the middle of what looks like these places and unlike the rest.
 
-    Rother, Kolmogorov and Blake, GrabCut, ACM Transactions on Graphics 23, 2004. None where the hints leave nothing to learn from.
+    Rother, Kolmogorov and Blake, GrabCut, ACM Transactions on Graphics 23, 2004. None where the hints leave nothing to learn from, or
+    no body is cut out.
 
     Parameters
     ----------
@@ -60,6 +62,8 @@ def through_cut_out(
     depth = cv2.distanceTransform((mask & 1).astype(np.uint8), cv2.DIST_L2, 3)
     cost = np.where(depth > 0.0, half / np.clip(depth, 0.5, half), OUTSIDE * half / 0.5) ** 2
     first, last = (np.clip(np.round(place), 0, size - 1).astype(int)[::-1] for place in (clamp, tip))
-    way = scaled(Ways(cost, [first]).to(last)[:, ::-1].astype(np.float64), less)
-    points = np.vstack([hinted[:1], way, hinted[1:]])
+    way = Ways(cost, [first]).to(last)
+    if np.mean(depth[way[:, 0], way[:, 1]] == 0.0) > GAPS:
+        return None
+    points = np.vstack([hinted[:1], scaled(way[:, ::-1].astype(np.float64), less), hinted[1:]])
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
