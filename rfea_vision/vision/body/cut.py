@@ -15,9 +15,9 @@ from rfea_vision.vision.body.ways import Ways
 CUT_PX = 5.0  # half a body's width in the picture that is cut
 SEEDS = 0.7, 1.2  # half widths beyond the clamp, chosen: the body is there, and at its tip,
 SEED = 0.4  # within so many half widths,
-WITHIN = 1.5  # scatters of one rubber's colour, chosen: what is so near to theirs is taken for it at first
 BEHIND = 2.0  # and is not within so many behind the clamp,
 FARTHEST = 1.3  # nor farther from that than so many of its lengths
+WITHIN = 1.5  # scatters of one rubber's colour, chosen: what is so near to that of these places is taken for it at first
 TURNS = 4  # of learning colours and cutting: after few nothing changes
 LEAST_PIXELS = 10  # of the body, and of what it is not: GrabCut learns five colours of each
 GAPS = 0.1  # of the way, chosen: where more of it is none of the body's, this has not been cut out
