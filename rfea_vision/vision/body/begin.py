@@ -248,7 +248,11 @@ def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatAr
         a, b = (np.clip(np.round(p), 0, size - 1).astype(int) for p in (start, end))
         steps = Ways(cost, [(a[1], a[0])]).to((b[1], b[0]))
         route.append(scaled(np.asarray(steps[:, ::-1], dtype=np.float64), less))
-    points = np.vstack([line_px[:1], *route, line_px[-1:]])
+    return smooth_way(np.vstack([line_px[:1], *route, line_px[-1:]]))
+
+
+def smooth_way(points: FloatArray) -> FloatArray:
+    """A smooth line of stations along the pixels (n, 2) of a way; of many some sixty are enough."""
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import scaled
-from rfea_vision.vision.body.begin import ALIKE, leaving, smooth_line
+from rfea_vision.vision.body.begin import ALIKE, leaving, smooth_way
 from rfea_vision.vision.body.model import Picture
 from rfea_vision.vision.body.ways import Ways
 
@@ -65,5 +65,4 @@ def through_cut_out(
     way = Ways(cost, [first]).to(last)
     if np.mean(depth[way[:, 0], way[:, 1]] == 0.0) > GAPS:
         return None
-    points = np.vstack([hinted[:1], scaled(way[:, ::-1].astype(np.float64), less), hinted[1:]])
-    return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
+    return smooth_way(np.vstack([hinted[:1], scaled(way[:, ::-1].astype(np.float64), less), hinted[1:]]))
