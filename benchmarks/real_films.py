@@ -4,6 +4,7 @@ What is pointed at is in ``real_films/``, a file for each body in each film, and
 The films are not: for each, clone the repository that its `source` names from GitHub, check its `commit` out, and copy `path` to
 ``$REAL_FILMS/<owner>+<name>/<path>`` (of single pictures it is a folder). Those that are not there are left out, and named.
 ``REAL_FILMS_ONLY`` chooses by name: the names of files, or patterns such as ``arm_*_end``, with blanks between.
+``REAL_FILMS_CLICKS`` is the seed of another hand, which points a pixel or two beside what is kept.
 
 Films of which `seen` is false were looked at by nobody who worked on the tracker before they were first run.
 """
@@ -16,6 +17,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks._films import Outcome, followed, rows_of, told
 from testing.pointing import Pointed
@@ -45,10 +48,11 @@ def chosen(films: dict[str, FilmFile], folder: Path) -> Iterator[tuple[str, Film
 
 def run() -> list[dict[str, Any]]:
     """All films that are there; a line for each goes to standard error."""
-    folder = Path(os.environ.get("REAL_FILMS", "real-films"))
+    folder, clicks = Path(os.environ.get("REAL_FILMS", "real-films")), os.environ.get("REAL_FILMS_CLICKS")
     outcomes: dict[str, list[Outcome]] = {}
     for name, film in chosen(pointed_at(), folder):
-        outcome = follow(film, folder)
+        hand = film if clicks is None else film.clicked_again(np.random.default_rng([int(clicks), *name.encode()]))
+        outcome = follow(hand, folder)
         sys.stderr.write(told(name, outcome) + "\n")
         kind = f"real films, tip at a {'mark' if film.end == 'mark' else 'body'}'s {'middle' if film.end == 'mark' else 'end'}"
         outcomes.setdefault(f"{kind}, {'seen' if film.seen else 'unseen'}", []).append(outcome)

@@ -122,6 +122,14 @@ class FilmFile(_Described):
         camera = self.camera.model_copy(update={"tip": self.tips[number], "centre_line": None})
         return self.model_copy(update={**alone, "camera": camera})
 
+    def clicked_again(self, rng: np.random.Generator) -> FilmFile:
+        """The same film as another hand points at it: clamp, tip and centre line off by 1 px and a twentieth of half the width."""
+        stderr, camera = float(np.hypot(1.0, 0.05 * self.half_width_px)), self.camera
+        given = {"clamp": camera.clamp, "tip": camera.tip, "centre_line": camera.centre_line}
+        off = {key: np.add(places, rng.normal(0.0, stderr, np.shape(places))) for key, places in given.items() if places}
+        clicks = {key: tuple(map(tuple, places.tolist())) if places.ndim > 1 else tuple(places) for key, places in off.items()}
+        return self.model_copy(update={"camera": camera.model_copy(update=clicks)})
+
     def film(self, folder: Path) -> Path:
         """Where the film is under the folder of all films."""
         return folder / self.source.replace("/", "+") / self.path

@@ -139,3 +139,19 @@ def test_what_rays_see_an_end_off_the_line_is_in_its_standard_error(off_px):
     follower._accept(follower.last.lab, found)
     stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm
     assert abs(off_px) <= stderr < abs(off_px) + 2.0
+
+
+@pytest.mark.parametrize("dotted", [True, False])
+def test_a_click_on_a_mark_before_the_end_means_the_mark(dotted):
+    """Real arms with a dot a third of a half width before their end, clicked on the dot: the line went on to the end."""
+    line, off = middle_of(0.1, 100.0), []
+    at = 64 - round(0.35 * HALF / 100.0 * 64)  # of the stations
+    clicked = line[at] + [1.0, -0.7] if dotted else line[-1] + [-0.7, 0.7]
+    follower = follower_of(np.vstack([line[:-1], clicked]))
+    for k in range(25):
+        line = middle_of(0.1 + 0.04 * k, 100.0)
+        picture = drawn(line, np.full(65, HALF))
+        cv2.circle(picture, np.round(16 * line[at]).astype(int).tolist(), round(16 * 0.3 * HALF), (40, 40, 200), -1, cv2.LINE_AA, 4)
+        assert follower.next(picture, 0.05 * k) == "", k
+        off.append(float(np.linalg.norm(follower.body.points[-1] - (line[at] if dotted else line[-1]))))
+    assert max(off) < (0.5 if dotted else 1.2)

@@ -40,6 +40,17 @@ def test_frames_are_found_by_their_numbers_in_the_file():
     assert [stills.row_of(number) for number in (90, 55, 9)] == [0, 2, None]
 
 
+def test_another_hand_points_a_pixel_or_two_beside_what_is_kept():
+    film = FILMS["hinged_arm"]
+    one, again, other = (film.clicked_again(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert one == again != other
+    assert one.camera.scale == film.camera.scale and one.tips == film.tips
+    for key in ("clamp", "tip", "centre_line"):
+        off = np.subtract(getattr(one.camera, key), getattr(film.camera, key))
+        assert 0.0 < np.abs(off).max() < 5.0
+    assert film.begun_at(64).clicked_again(np.random.default_rng(1)).camera.centre_line is None
+
+
 def test_there_are_films_of_both_kinds():
     assert {film.end for film in FILMS.values()} == {"mark", "end"}
     assert len({(film.path, film.camera.clamp, film.end) for film in FILMS.values()}) == len(FILMS)

@@ -13,6 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, evenly, scaled
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
+from rfea_vision.vision.body.fit import END_LEVEL
 from rfea_vision.vision.body.marks import Mark, find_marks, place_of, row_of
 from rfea_vision.vision.body.model import (
     CLEAR,
@@ -43,6 +44,7 @@ END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind
 # Half widths, 1 s.d.: so far beside it rays that agree found the end of 129 first frames that were drawn by two hands (seen; 1 px).
 END_PLACED = 0.06
 RANGE = 2.7  # standard deviations from the least to the most of seven rays
+TIP_MISSED = 0.2  # half widths, or POINTING_PX: so far beside a mark's middle people click for it
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
@@ -173,6 +175,22 @@ def end_among(rays: FloatArray, half_px: float) -> tuple[float, float]:
     stderr = float(np.hypot(END_PLACED * half_px, np.ptp(seen) / RANGE)) if 2 * len(seen) > len(rays) else np.inf
     clear = stderr < END_NEAR * half_px and abs(np.median(seen)) < END_NEAR * half_px
     return (float(np.median(seen)), stderr) if clear else (0.0, END_NEAR * half_px)
+
+
+def on_mark(clicks: FloatArray, marks: list[Mark], body: SeenBody, within_px: float) -> FloatArray:
+    """The `clicks` (n, 2) px, their tip at the middle of the mark that was clicked for it, if one is nearer than so many px."""
+    places = [place_of(mark, body) for mark in marks]
+    apart = [float(np.linalg.norm(place - clicks[-1])) for place in places]
+    return np.vstack([clicks[:-1], places[int(np.argmin(apart))]]) if min(apart, default=np.inf) < within_px else clicks
+
+
+def learnt_end(rays: FloatArray, half_px: float, pointed_px: float, variance: float) -> FloatArray | None:
+    """What rays (RAYS,) px are to say of an end that was unseen when it was pointed at, once all see it; None until then.
+
+    It was pointed at beside its end, or its line has slipped since, by so much (1 s.d., and the variance, px^2): as either is likely.
+    """
+    clear = np.ptp(rays) < END_LEVEL * half_px and abs(np.median(rays)) < END_NEAR * half_px  # not so where a ray is NaN
+    return rays - variance / (pointed_px**2 + variance) * np.median(rays) if clear else None
 
 
 def as_pointed(

@@ -14,15 +14,18 @@ from rfea_vision.vision.body.around import looks_around, off_beside
 from rfea_vision.vision.body.begin import (
     END_NEAR,
     SQUARE,
+    TIP_MISSED,
     as_pointed,
     end_among,
     even,
     first_body,
     held_near,
     hinted_lines,
+    learnt_end,
     leaving,
     like_colour,
     missed_by,
+    on_mark,
     onwards,
     pointing,
     standing_out,
@@ -71,7 +74,7 @@ from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.begin import FIRST_TRIES, POINTING_PX, Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
@@ -241,12 +244,19 @@ class BodyFollower:
                 break
         beyond, end_px = end_among(self._end_seen(lab, half), half)
         clear = end_px < END_NEAR * half
-        self.body.points[-1] += beyond * frame_of(self.body.points)[0][-1]
+        end = self.body.points[-1] + beyond * frame_of(self.body.points)[0][-1]
+        marks = [] if through else find_marks(lab, self.body, hinted, self.enlarged)
+        # A click that is nearer to a mark's middle than to the end that rays see is on the mark.
+        nearer = float(np.linalg.norm(end - self.line[-1])) if clear else np.inf
+        clicks = on_mark(self.line, marks, self.body, min(nearer, max(POINTING_PX * self.scale, TIP_MISSED * half)))
+        if marked := clicks is not self.line:
+            clear, end_px, end = False, END_NEAR * half, self.body.points[-1]
+        self.body.points[-1] = end
         # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
         doubt, least = SYSTEMATIC * half, float(np.hypot(POINTED_PX * self.scale, POINTED_SHARE * half))
-        clicked = pointing(missed_by(self.line, self.body, half, believed=clear), least, doubt)
+        clicked = pointing(missed_by(clicks, self.body, half, believed=clear), least, doubt)
         self.body.told = told_from_wall(self.body)
-        self.body.points = as_pointed(self.body.points, self.line, half, clicked, doubt + self.body.strays, end_px)
+        self.body.points = as_pointed(self.body.points, clicks, half, least if marked else clicked, doubt + self.body.strays, end_px)
         learn_colours(lab, self.body)
         learn_beyond(lab, self.body)
         offsets = self._end_seen(lab, half)
@@ -255,7 +265,7 @@ class BodyFollower:
             offsets = self._end_seen(lab, half)
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
-        self.end_offsets = offsets if believed else None
+        self.end_offsets, self.tip_marked = offsets if believed else None, marked
         self.skin = Skin.of(lab, self.body)
         self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
@@ -265,7 +275,7 @@ class BodyFollower:
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first_tip = self.body.points[-1].copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
-        missed = np.array([clicked, *missed_by(self.line, self.body, half, believed=bool(believed))])
+        missed = np.array([clicked, *missed_by(clicks, self.body, half, believed=bool(believed))])
         self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, 0, 1.0)
@@ -294,18 +304,6 @@ class BodyFollower:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
         offsets = end_rays(lab, self.wall, self.body, 2.0 * half)
         return np.where(np.abs(offsets) < 2.0 * half, offsets, np.nan)
-
-    def _learn_end(self, lab: Picture) -> None:
-        """An end that lay before something of its own colour when it was pointed at is measured from the first clear sight of it on."""
-        half = self.pointed_half
-        seen = self._end_seen(lab, half)
-        if self.body.untold:
-            return
-        if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
-            # It was pointed at beside its end, or its line has slipped since: as either is likely.
-            pointed, lags = (self.pointed_px * self.scale) ** 2, LAGS * (self.lengths[1] - self.lengths[0])
-            kept = pointed / (pointed + end_variance(self.covariance, lags))
-            self.end_offsets = seen - (1.0 - kept) * np.median(seen)
 
     def _spread(self, unknown: float = 0.0) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen; `unknown` is a share of its length."""
@@ -378,15 +376,17 @@ class BodyFollower:
         if self.good == 0:
             self.first.fit, self.edge_offsets = fit, beyond_half(lab, self.wall, fit.body)
         self.good, self.missed = self.good + 1, 0
-        if self.end_offsets is None:
-            self._learn_end(lab)
+        lags = LAGS * (self.lengths[1] - self.lengths[0])
+        if self.end_offsets is None and not self.body.untold:
+            slips = 0.0 if self.tip_marked else end_variance(self.covariance, lags)
+            known = self.pointed_half, self.pointed_px * self.scale, slips
+            self.end_offsets = learnt_end(self._end_seen(lab, self.pointed_half), *known)
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
         self.last = Sight(self.body, lab, skin_of(cleared, self.body))
         self.skin.follow(self.last.skin)
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
-        lags = LAGS * (self.lengths[1] - self.lengths[0])
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.seen_from.stderr[:2]) / self.picture_scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, lags=lags, pointed=pointed, slipped=slipped,
