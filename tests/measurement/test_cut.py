@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from rfea_vision.vision.body.begin import held_near
 from rfea_vision.vision.body.cut import through_cut_out
+from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.model import SHARES, STATIONS
+
+from .test_gone import HALF as HALF_PX
+from .test_gone import drawn, follower_of, middle_of
 
 HALF, TURN = 9.0, np.linspace(0.0, 0.9 * np.pi, 200)
 
@@ -36,3 +44,20 @@ def test_where_hints_allow_nothing_there_is_no_way():
     picture, _ = curled()
     nowhere = np.zeros(picture.shape[:2], dtype=bool)
     assert through_cut_out(picture, np.array([[-90.0, -99.0], [-70.0, -99.0]]), np.array([-50.0, -40.0]), HALF, 300.0, nowhere) is None
+
+
+def test_an_outline_that_is_led_away_from_the_tip_is_held_there_at_first():
+    """A body that curls before a plate of nearly its colour: its outline had followed the plate, three half widths astray."""
+    line, plate = middle_of(1.5, 75.0), ((34, 54, 110, 110), (204, 219, 222))
+    scene = follower_of(line).scene
+    follower = BodyFollower(replace(scene, hints=replace(scene.hints, centre_line=())), 1.0)
+    assert follower.next(drawn(line, np.full(65, HALF_PX), [plate]), 0.0) == ""
+    assert np.linalg.norm(follower.body.points - line, axis=1).max() < 0.4 * HALF_PX
+
+
+def test_a_held_end_takes_the_line_along_and_leaves_the_clamp():
+    line = np.column_stack([np.linspace(0.0, 128.0, STATIONS), np.zeros(STATIONS)])
+    astray = line + SHARES[:, None] * [0.0, 30.0]
+    held = held_near(astray, line, 12.0, 1.0, drawn=False)
+    assert held[-1] == pytest.approx([128.0, 8.0]) and held[0] == pytest.approx([0.0, 0.0])  # 0.5 half widths and 2 px beside it
+    assert held_near(held, line, 12.0, 1.0, drawn=False) == pytest.approx(held)

@@ -18,6 +18,7 @@ from rfea_vision.vision.body.marks import Mark, find_marks, place_of, row_of
 from rfea_vision.vision.body.model import (
     CLEAR,
     NORMAL_BASIS,
+    SHARES,
     STATIONS,
     Picture,
     SeenBody,
@@ -141,10 +142,15 @@ def through_rungs(
     return line, row_of(find_marks(picture, first_body(picture, line, half_px), hinted))
 
 
-def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float) -> FloatArray:
-    """Stations (S, 2) px held near a line that a person drew: a short body's round end draws them aside, and gaps between discs."""
-    off, near = points - line, DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale
-    return line + off * np.minimum(1.0, near / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9))
+def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float, *, drawn: bool) -> FloatArray:
+    """Stations (S, 2) px held near a line at its end alone, or all along where a person has `drawn` it.
+
+    A short body's round end draws an outline aside, and so do gaps between discs, and what lies beside the body.
+    """
+    off = points - line if drawn else SHARES[:, None] ** 2 * (points[-1] - line[-1])
+    apart = np.linalg.norm(off if drawn else off[-1:], axis=1, keepdims=True)
+    near = (DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale) / np.maximum(apart, 1e-9)
+    return points - off * (1.0 - np.minimum(1.0, near))
 
 
 def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed: bool) -> FloatArray:

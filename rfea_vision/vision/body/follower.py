@@ -77,7 +77,7 @@ from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import FIRST_TRIES, POINTING_PX, Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
-FIRST_TURNS = 8
+FIRST_TURNS, FREE_TURNS = 8, 2  # of an outline; in the last ones its width is free, and its end, if that was held
 # The outline is sought from ones that narrow or widen to these shares, too. Another is taken where so much of its edges is seen, and
 # where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
@@ -213,7 +213,7 @@ class BodyFollower:
         return None if line is None else onwards(scaled(line, self.scale), self.clamp.mean(axis=0))
 
     def _first_fit(self, lab: Picture) -> Fit:
-        """The first frame's fit along the lines that the hints allow; where it breaks a rule, along the way through what is cut out."""
+        """The first frame's fit along lines that the hints allow; where it breaks a rule and a body is cut out, with the end held."""
         self.first.shape, self.first.allowed = lab.shape[:2], allowed_pixels(lab.shape, self.scene.hints, self.scale)
         size, allowed = (self.pointed_half, self.scene.length_mm * self.px_per_mm), self.first.allowed
         lines = hinted_lines(lab, self.clamp, self.line, *size, colour=self.colour, allowed=allowed)
@@ -221,24 +221,24 @@ class BodyFollower:
         if not fit.reason or len(self.line) > 2:
             return fit
         found, cut = (self.foot.copy(), self.marks, self.body), through_cut_out(lab, self.clamp, self.line[-1], *size, allowed)
-        if cut is not None and not (again := self._begin(lab, [cut])).reason:
-            return again
+        for again in () if cut is None else (lines, [cut]):
+            if not (anew := self._begin(lab, again, held=True)).reason:
+                return anew
         self.foot, self.marks, self.body = found
         return fit
 
-    def _begin(self, lab: Picture, lines: list[FloatArray]) -> Fit:
+    def _begin(self, lab: Picture, lines: list[FloatArray], *, held: bool = False) -> Fit:
         """Outline, colours, texture and end in the first frame, sought along lines of stations (S, 2) px; and its fit."""
         half = self.pointed_half
-        length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         hinted = None if self.scene.hints.marks is None else lab_of(self.scene.hints.marks)
         if through := through_rungs(lab, lines, half, hinted):
             lines, self.marks = [through[0]], through[1]
         unseen = np.inf
         for end in (1.0, *OTHER_ENDS):
-            body, _, left = max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1])
-            held = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
-            if end == 1.0 or (left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED):
+            body, _, left = max((self._drawn(lab, line, end, held) for line in lines), key=lambda way: way[1])
+            wider = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
+            if end == 1.0 or (left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and wider < AS_POINTED):
                 self.body, unseen = body, left
             if unseen == 0.0:
                 break
@@ -281,18 +281,21 @@ class BodyFollower:
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, 0, 1.0)
         return self._judged(lab, self._fit(lab, self.body, self._spread(), 0.8))
 
-    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
+    def _drawn(self, lab: Picture, line: FloatArray, end: float, held: bool) -> tuple[SeenBody, float, float]:
         """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""
+        half, length = self.pointed_half, self.scene.length_mm * self.px_per_mm
         width = half * (1.0 - (1.0 - end) * SHARES)
         body, drawn, fit = first_body(lab, line, width), len(self.line) >= 4, None
         self.foot[1] = leaving(self.clamp, line[:SQUARE])
         for turn in range(FIRST_TURNS):
-            if turn < FIRST_TURNS - 2:
+            if turn < FIRST_TURNS - FREE_TURNS:
                 body.half[:] = width
             self.first.half = body.half
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
-            body.points = held_near(even(body.points), line, half, self.scale) if drawn else even(body.points)
+            body.points = even(body.points)
+            if drawn or (held and turn < FIRST_TURNS - FREE_TURNS):
+                body.points = held_near(body.points, line, half, self.scale, drawn=drawn)
             learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
@@ -344,8 +347,8 @@ class BodyFollower:
 
     def _reached(self, shown: Shown) -> list[FloatArray]:
         """Where all is that looks like the body: stations as long as when its end was last seen, and as that is."""
-        known = self.foot, self.pointed_half, self.known_length
-        return [] if self.body.untold else reached(shown, self.shown, self.wall, self.body, *known)
+        known = self.body, self.foot, self.pointed_half, self.known_length
+        return [] if self.body.untold else reached(shown, self.shown, self.wall, *known)
 
     def _outlined(self, lab: Picture, line: FloatArray) -> tuple[SeenBody, FloatArray]:
         """The outline along such a line, and what that leaves open."""
