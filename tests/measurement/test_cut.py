@@ -61,3 +61,27 @@ def test_a_held_end_takes_the_line_along_and_leaves_the_clamp():
     held = held_near(astray, line, 12.0, 1.0, drawn=False)
     assert held[-1] == pytest.approx([128.0, 8.0]) and held[0] == pytest.approx([0.0, 0.0])  # 0.5 half widths and 2 px beside it
     assert held_near(held, line, 12.0, 1.0, drawn=False) == pytest.approx(held)
+
+
+@pytest.mark.parametrize(("others", "taken"), [([0.3, 0.02], 2), ([0.15, 0.09], 0), ([0.02], 1)])
+def test_an_outline_of_which_much_is_unseen_is_left_for_one_that_leaves_half_as_much(monkeypatch, others, taken):
+    """Swollen silicone has an inner rim that a line keeps to; where none of the others is better, all is as it was before them."""
+    line = middle_of(0.3, 100.0)
+    scene = follower_of(line).scene
+    follower = BodyFollower(replace(scene, hints=replace(scene.hints, centre_line=())), 1.0)
+    picture, begin, tried = drawn(line, np.full(65, HALF_PX)), BodyFollower._begin, list[float]()
+
+    def counted(self, lab, lines, *, held=False):
+        fit = begin(self, lab, lines, held=held)
+        tried.append([0.17, *others, 0.17][len(tried)])
+        fit.seen = np.ones((STATIONS, 2), dtype=bool)
+        fit.seen[: round(2 * tried[-1] * STATIONS), 0] = False
+        return fit
+
+    assert follower.next(picture, 0.0) == ""
+    plain = follower.body.points.copy()
+    monkeypatch.setattr(BodyFollower, "_begin", counted)
+    again = BodyFollower(follower.scene, 1.0)
+    assert again.next(picture, 0.0) == ""
+    assert len(tried) == (taken + 1 if taken else 4)
+    assert np.array_equal(again.body.points, plain) == (taken == 0)

@@ -132,6 +132,11 @@ class Fit:
         """How much of it is seen: its inside, and its edges."""
         return float(np.mean(self.backing) + np.mean(self.seen))
 
+    @property
+    def unseen(self) -> float:
+        """Share of its edges that is not seen."""
+        return 1.0 - float(np.mean(self.seen))
+
 
 @dataclass(frozen=True)
 class Evidence:

@@ -213,19 +213,20 @@ class BodyFollower:
         return None if line is None else onwards(scaled(line, self.scale), self.clamp.mean(axis=0))
 
     def _first_fit(self, lab: Picture) -> Fit:
-        """The first frame's fit along lines that the hints allow; where it breaks a rule and a body is cut out, with the end held."""
+        """The first frame's fit along lines that the hints allow; refused, or a tenth of its edges unseen, by what is cut out."""
         self.first.shape, self.first.allowed = lab.shape[:2], allowed_pixels(lab.shape, self.scene.hints, self.scale)
         size, allowed = (self.pointed_half, self.scene.length_mm * self.px_per_mm), self.first.allowed
         lines = hinted_lines(lab, self.clamp, self.line, *size, colour=self.colour, allowed=allowed)
-        fit = self._begin(lab, lines)
-        if not fit.reason or len(self.line) > 2:
+        before, fit = (self.foot.copy(), self.marks), self._begin(lab, lines)
+        doubted = bool(fit.reason) or fit.unseen > 1.0 - WELL_SEEN
+        if not doubted or len(self.line) > 2 or (cut := through_cut_out(lab, self.clamp, self.line[-1], *size, allowed)) is None:
             return fit
-        found, cut = (self.foot.copy(), self.marks, self.body), through_cut_out(lab, self.clamp, self.line[-1], *size, allowed)
-        for again in () if cut is None else (lines, [cut]):
-            if not (anew := self._begin(lab, again, held=True)).reason:
+        for again in (lines, [cut]):
+            anew = self._begin(lab, again, held=True)
+            if not anew.reason and (fit.reason or anew.unseen < min(1.0 - WELL_SEEN, LEFT_UNSEEN * fit.unseen)):
                 return anew
-        self.foot, self.marks, self.body = found
-        return fit
+        self.foot, self.marks = before
+        return self._begin(lab, lines)
 
     def _begin(self, lab: Picture, lines: list[FloatArray], *, held: bool = False) -> Fit:
         """Outline, colours, texture and end in the first frame, sought along lines of stations (S, 2) px; and its fit."""
@@ -300,8 +301,8 @@ class BodyFollower:
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
-        seen, here = float(np.mean(fit.seen)), 1.0 - elsewhere(self.first, body.points)
-        return body, seen * (0.2 + standing_out(lab, body, half)) * (0.2 + known) * alike * here, 1.0 - seen
+        seen_here = (1.0 - fit.unseen) * (1.0 - elsewhere(self.first, body.points))
+        return body, seen_here * (0.2 + standing_out(lab, body, half)) * (0.2 + known) * alike, fit.unseen
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
