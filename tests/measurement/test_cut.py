@@ -71,8 +71,8 @@ def test_an_outline_of_which_much_is_unseen_is_left_for_one_that_leaves_half_as_
     follower = BodyFollower(replace(scene, hints=replace(scene.hints, centre_line=())), 1.0)
     picture, begin, tried = drawn(line, np.full(65, HALF_PX)), BodyFollower._begin, list[float]()
 
-    def counted(self, lab, lines, *, held=False):
-        fit = begin(self, lab, lines, held=held)
+    def counted(self, lab, lines, *, end_held=False):
+        fit = begin(self, lab, lines, end_held=end_held)
         tried.append([0.17, *others, 0.17][len(tried)])
         fit.seen = np.ones((STATIONS, 2), dtype=bool)
         fit.seen[: round(2 * tried[-1] * STATIONS), 0] = False

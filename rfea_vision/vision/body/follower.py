@@ -222,13 +222,13 @@ class BodyFollower:
         if not doubted or len(self.line) > 2 or (cut := through_cut_out(lab, self.clamp, self.line[-1], *size, allowed)) is None:
             return fit
         for again in (lines, [cut]):
-            anew = self._begin(lab, again, held=True)
+            anew = self._begin(lab, again, end_held=True)
             if not anew.reason and (fit.reason or anew.unseen < min(1.0 - WELL_SEEN, LEFT_UNSEEN * fit.unseen)):
                 return anew
         self.foot, self.marks = before
         return self._begin(lab, lines)
 
-    def _begin(self, lab: Picture, lines: list[FloatArray], *, held: bool = False) -> Fit:
+    def _begin(self, lab: Picture, lines: list[FloatArray], *, end_held: bool = False) -> Fit:
         """Outline, colours, texture and end in the first frame, sought along lines of stations (S, 2) px; and its fit."""
         half = self.pointed_half
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
@@ -237,7 +237,7 @@ class BodyFollower:
             lines, self.marks = [through[0]], through[1]
         unseen = np.inf
         for end in (1.0, *OTHER_ENDS):
-            body, _, left = max((self._drawn(lab, line, end, held) for line in lines), key=lambda way: way[1])
+            body, _, left = max((self._drawn(lab, line, end, end_held) for line in lines), key=lambda way: way[1])
             wider = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
             if end == 1.0 or (left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and wider < AS_POINTED):
                 self.body, unseen = body, left
@@ -282,7 +282,7 @@ class BodyFollower:
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, 0, 1.0)
         return self._judged(lab, self._fit(lab, self.body, self._spread(), 0.8))
 
-    def _drawn(self, lab: Picture, line: FloatArray, end: float, held: bool) -> tuple[SeenBody, float, float]:
+    def _drawn(self, lab: Picture, line: FloatArray, end: float, end_held: bool) -> tuple[SeenBody, float, float]:
         """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""
         half, length = self.pointed_half, self.scene.length_mm * self.px_per_mm
         width = half * (1.0 - (1.0 - end) * SHARES)
@@ -295,7 +295,7 @@ class BodyFollower:
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
             body.points = even(body.points)
-            if drawn or (held and turn < FIRST_TURNS - FREE_TURNS):
+            if drawn or (end_held and turn < FIRST_TURNS - FREE_TURNS):
                 body.points = held_near(body.points, line, half, self.scale, drawn=drawn)
             learn_colours(lab, body)
         assert fit is not None
