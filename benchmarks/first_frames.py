@@ -12,10 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.real_films import chosen
-from rfea_vision.vision.body.begin import scale_for
-from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.light import levelled
-from rfea_vision.vision.track import make_scene
+from testing.beginnings import begun
 from testing.real_films import FilmFile, pointed_at
 
 MOVES = ("air_dancer", "discs_")  # names of films, or how they begin, in which the clamp goes elsewhere
@@ -24,10 +21,7 @@ MOVES = ("air_dancer", "discs_")  # names of films, or how they begin, in which 
 def found(film: FilmFile, folder: Path) -> str:
     """Why the one frame of a film is refused; empty where its body is found."""
     source = film.opened(folder)
-    scene = make_scene(film.calibration(source.size), film.tube, "image", film.hints, source.size)
-    follower = BodyFollower(scene, scale_for(scene, source.size))
-    time_s, picture = next(iter(levelled(source.colours(follower.picture_scale))))
-    return follower.next(picture, time_s)
+    return begun(source, film.calibration(source.size), film.tube, film.hints)[1]
 
 
 def run() -> list[dict[str, Any]]:

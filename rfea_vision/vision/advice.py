@@ -269,8 +269,8 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
             yield hints, f"camera.clamp: [{_words(one)}, {_words(other)}] and camera.tip: {_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
         seen, picture = _first_look(source, scene)
-        lab = (shown := Shown(picture, seen.enlarged)).lab(shown.whole)
-        for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half, scene.length_mm * seen.px_per_mm):
+        shown = Shown(picture, seen.enlarged)
+        for line in hinted_lines(shown.lab(shown.whole), seen.pointed):
             points = np.round(scaled(line[[16, 32, 48]], 1.0 / seen.scale), 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
@@ -324,7 +324,7 @@ def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
                 break
     # In all but a tenth of the frames to either side: a line that settles after the first one does not sway, nor one that slides along.
     *sways, slides = np.ptp(np.quantile(seen, (0.1, 0.9), axis=0), axis=0) if seen else np.zeros(3)
-    return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed_half)
+    return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed.half)
 
 
 def _scale_first(reasons: list[str]) -> str:

@@ -75,7 +75,7 @@ def aside(look: BodyFollower, picture: NDArray[np.uint8]) -> Aside | None:
     half_on_wall = sides_clear(look.body).min(axis=1) < LEAST_CLEAR
     first = look.first.fit
     line = _line_from(look, picture, tip=False)
-    if line is not None and float(np.linalg.norm(line[-1] - look.line[-1])) > _allowed(look, HINT_ELSEWHERE):
+    if line is not None and float(np.linalg.norm(line[-1] - look.pointed.line[-1])) > _allowed(look, HINT_ELSEWHERE):
         goes_on = first is not None and first.beyond[:3].min() > MOST and along(line)[-1] > look.body.length
         if first is None or goes_on or end_of(half_on_wall) >= HALF_ON_WALL:
             return _instead(look, "tip", line[-1], line)
@@ -84,7 +84,7 @@ def aside(look: BodyFollower, picture: NDArray[np.uint8]) -> Aside | None:
         near = int(np.argmin(np.linalg.norm(line - look.foot[0], axis=1)))
         across = frame_of(line)[1][near]
         if abs((look.foot[0] - line[near]) @ across) > _allowed(look, HINT_CLAMP):
-            return _instead(look, "clamp", line[near] + look.pointed_half * across * np.array([[1.0], [-1.0]]), line)
+            return _instead(look, "clamp", line[near] + look.pointed.half * across * np.array([[1.0], [-1.0]]), line)
     return None
 
 
@@ -102,16 +102,16 @@ def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> 
     taken = np.linspace(first // 2, own - 1, STATIONS).astype(int)
     taken = STATIONS - 1 - taken if tip else taken
     known = replace(body, inside=body.inside[taken], outside=body.outside[taken])
-    foot = np.array([look.line[-1], -frame_of(body.points)[0][-1]]) if tip else look.foot
-    length = look.scene.length_mm * look.px_per_mm
+    foot = np.array([look.pointed.line[-1], -frame_of(body.points)[0][-1]]) if tip else look.foot
+    length = look.pointed.length
     # Of one picture alone nothing is known to be another thing.
-    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed_half, SHORTEST * length)
+    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed.half, SHORTEST * length)
     return next((way for way in ways[1:] if abs(along(way)[-1] / length - 1.0) <= AS_LONG), None)
 
 
 def _allowed(look: BodyFollower, halves: float) -> float:
     """How far (px) beside the body a person points."""
-    return float(np.hypot(halves * look.pointed_half, POINTING_PX * look.scale))
+    return float(np.hypot(halves * look.pointed.half, POINTING_PX * look.scale))
 
 
 def _instead(look: BodyFollower, name: str, places: FloatArray, line: FloatArray) -> Aside:

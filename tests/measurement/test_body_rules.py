@@ -10,7 +10,7 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.around import SURELY, looks_around, off_beside
-from rfea_vision.vision.body.begin import first_body, hinted_lines
+from rfea_vision.vision.body.begin import Pointed, first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
@@ -105,13 +105,13 @@ def test_a_body_under_a_microscope_has_ends_too(length_mm):
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool))
-    assert first.allowed is not None
+    allowed = np.ones((120, 120), dtype=bool)
     line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
-    first.allowed[:, 40:80] = False
-    assert elsewhere(first, line) == 1.0
-    first.allowed[60:] = True
-    assert 0.4 < elsewhere(first, line) < 0.6
+    allowed[:, 40:80] = False
+    assert elsewhere(allowed, line) == 1.0
+    allowed[60:] = True
+    assert 0.4 < elsewhere(allowed, line) < 0.6
+    assert elsewhere(None, line) == 0.0
 
 
 def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
@@ -123,7 +123,7 @@ def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
     clicked = wire[[0, 70, 130, 199]] + np.array([[0, 0], [-3, 4], [-3, 4], [0, 0]])
     off = [
         np.linalg.norm(line[:, None] - wire[None], axis=2).min(axis=1)[5:-5]
-        for line in hinted_lines(picture, wire[0] + np.array([[1, -2.5], [-1, 2.5]]), clicked, 2.5, 220.0)
+        for line in hinted_lines(picture, Pointed(wire[0] + np.array([[1, -2.5], [-1, 2.5]]), clicked, 2.5, 220.0))
     ]
     assert off[0].max() > 3.5 and off[1].max() < 1.0, "as it was drawn, and as it is"
 

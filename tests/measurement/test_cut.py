@@ -8,13 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.vision.body.begin import held_near
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.vision.body.begin import Pointed
 from rfea_vision.vision.body.cut import through_cut_out
+from rfea_vision.vision.body.first import Begun, held_near
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS
+from rfea_vision.vision.track import make_scene
 
 from .test_gone import HALF as HALF_PX
-from .test_gone import drawn, follower_of, middle_of
+from .test_gone import RUBBER, WALL, drawn, follower_of, middle_of
 
 HALF, TURN = 9.0, np.linspace(0.0, 0.9 * np.pi, 200)
 
@@ -34,7 +38,8 @@ def test_the_way_keeps_to_the_middle_of_a_curl(enlarged):
     picture, line = curled()
     picture = np.asarray(cv2.resize(picture, None, fx=enlarged, fy=enlarged))
     clamp = enlarged * np.array([[151.0, 199.0], [169.0, 199.0]])
-    way = through_cut_out(picture, clamp, enlarged * line[-1], enlarged * HALF, enlarged * 200.0, None)
+    hinted = np.array([clamp.mean(axis=0), enlarged * line[-1]])
+    way = through_cut_out(picture, Pointed(clamp, hinted, enlarged * HALF, enlarged * 200.0))
     assert way is not None
     off = np.linalg.norm(way[:, None] / enlarged - line, axis=2).min(axis=1)
     assert off.max() < 0.5 * HALF and np.linalg.norm(way[32] / enlarged - line[100]) < 1.5 * HALF
@@ -43,7 +48,8 @@ def test_the_way_keeps_to_the_middle_of_a_curl(enlarged):
 def test_where_hints_allow_nothing_there_is_no_way():
     picture, _ = curled()
     nowhere = np.zeros(picture.shape[:2], dtype=bool)
-    assert through_cut_out(picture, np.array([[-90.0, -99.0], [-70.0, -99.0]]), np.array([-50.0, -40.0]), HALF, 300.0, nowhere) is None
+    clamp, line = np.array([[-90.0, -99.0], [-70.0, -99.0]]), np.array([[-80.0, -99.0], [-50.0, -40.0]])
+    assert through_cut_out(picture, Pointed(clamp, line, HALF, 300.0, allowed=nowhere)) is None
 
 
 def test_an_outline_that_is_led_away_from_the_tip_is_held_there_at_first():
@@ -63,25 +69,41 @@ def test_a_held_end_takes_the_line_along_and_leaves_the_clamp():
     assert held_near(held, line, 12.0, 1.0, drawn=False) == pytest.approx(held)
 
 
-@pytest.mark.parametrize(("others", "taken"), [([0.3, 0.02], 2), ([0.15, 0.09], 0), ([0.02], 1)])
+def test_a_body_that_curls_behind_its_clamp_is_found():
+    """Its tip lies on the clamp's other side, to which it does not leave: the line had gone there over the bare wall."""
+    bend = np.linspace(0.0, 1.55 * np.pi, STATIONS)
+    line = np.array([160.0, 150.0]) + 60.0 * np.column_stack([np.cos(bend) - 1.0, -np.sin(bend)])
+    picture = np.full((300, 300, 3), WALL, dtype=np.uint8)
+    cv2.polylines(picture, [np.round(16 * line).astype(np.int32)], False, RUBBER, round(2 * HALF), cv2.LINE_AA, 4)
+    cv2.rectangle(picture, (130, 150), (190, 200), (190, 205, 210), -1)  # what holds it is nearly of its colour
+    assert line[-1, 1] > 150.0, "behind it"
+    radius_m = HALF / 2e3
+    tube = Actuator(length=60.0 * bend[-1] / 2e3, outer_radius=radius_m, inner_radius=0.5 * radius_m)
+    calibration = scaled_by_distance((300, 300), ((20.0, 290.0), (220.0, 290.0)), 100.0)
+    hints = Hints(clamp=((160.0 - HALF, 150.0), (160.0 + HALF, 150.0)), tip=tuple(line[-1].tolist()))
+    follower = BodyFollower(make_scene(calibration, tube, "image", hints, (300, 300)), 1.0)
+    assert follower.next(picture, 0.0) == ""
+    assert np.linalg.norm(follower.body.points - line, axis=1).max() < 0.6 * HALF
+    assert follower.next(picture, 0.0) == "", "a body at rest"
+
+
+@pytest.mark.parametrize(("others", "taken"), [([0.3, 0.02, 0.05, 0.08], 2), ([0.15, 0.09, 0.3, 0.2], 0), ([0.08, 0.1, 0.12, 0.07], 4)])
 def test_an_outline_of_which_much_is_unseen_is_left_for_one_that_leaves_half_as_much(monkeypatch, others, taken):
     """Swollen silicone has an inner rim that a line keeps to; where none of the others is better, all is as it was before them."""
     line = middle_of(0.3, 100.0)
     scene = follower_of(line).scene
     follower = BodyFollower(replace(scene, hints=replace(scene.hints, centre_line=())), 1.0)
-    picture, begin, tried = drawn(line, np.full(65, HALF_PX)), BodyFollower._begin, list[float]()
+    fitted, tried = BodyFollower._begun_fit, list[tuple[float, Begun]]()
 
-    def counted(self, lab, lines, *, end_held=False):
-        fit = begin(self, lab, lines, end_held=end_held)
-        tried.append([0.17, *others, 0.17][len(tried)])
+    def counted(self, lab, begun):
+        fit = fitted(self, lab, begun)
+        unseen = [0.17, *others, *[0.17] * 5][len(tried)]
+        tried.append((unseen, begun))
         fit.seen = np.ones((STATIONS, 2), dtype=bool)
-        fit.seen[: round(2 * tried[-1] * STATIONS), 0] = False
+        fit.seen[: round(2 * unseen * STATIONS), 0] = False
         return fit
 
-    assert follower.next(picture, 0.0) == ""
-    plain = follower.body.points.copy()
-    monkeypatch.setattr(BodyFollower, "_begin", counted)
-    again = BodyFollower(follower.scene, 1.0)
-    assert again.next(picture, 0.0) == ""
-    assert len(tried) == (taken + 1 if taken else 4)
-    assert np.array_equal(again.body.points, plain) == (taken == 0)
+    monkeypatch.setattr(BodyFollower, "_begun_fit", counted)
+    assert follower.next(drawn(line, np.full(65, HALF_PX)), 0.0) == ""
+    assert len(tried) in (6, 10), "four that leave to the tip's side, four more if one that does not is cut out, and the best"
+    assert tried[-1][1] is tried[taken][1]

@@ -59,7 +59,7 @@ def test_a_line_that_ends_at_a_disc_before_the_end_is_refused():
     lab = follower.last.lab
     for discs, said in ((23, ""), (16, "no_fit: the tube goes on beyond the line's end")):
         short = replace(follower.body, points=at(line, SHARES * (discs * PITCH + 1.0)))
-        fit = follower._fit(lab, short, 1e-6 * follower.pointed, 0.8)
+        fit = follower._fit(lab, short, 1e-6 * follower.pointed.covariance, 0.8)
         assert np.ptp(fit.body.points[-1] - short.points[-1]) < 4.0
         assert follower._judged(lab, fit).reason.startswith(said) and bool(fit.reason) == bool(said), fit.reason
 

@@ -4,6 +4,7 @@ import pytest
 
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
+from testing.beginnings import begun_amid
 from testing.drawn import draw, film, summary
 from testing.pointing import pointed_by_hand
 from testing.real_films import Ends, score
@@ -24,3 +25,10 @@ def test_a_drawn_film_is_read_to_its_end(seed, holds, error, tmp_path):
     found = score(Ends.of(track, pointed.calibration, stayed=True), truth.ends_px, 0.0, truth.half_width_px)
     assert found.read >= 0.95 * found.frames and found.error < error and found.sure_and_wrong == 0, found
     assert found.covered >= 0.95
+
+
+@pytest.mark.parametrize(("seed", "number"), [(267, 74), (299, 55), (255, 22)])
+def test_a_bent_body_is_found_amid_its_film(seed, number):
+    """Two lines had gone to the side on which the tip is, over the bare wall; the third frame was refused."""
+    found = begun_amid(draw(seed), [number], seed)[number]
+    assert found.refused == "" and found.off < 0.3, found

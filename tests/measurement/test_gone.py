@@ -12,7 +12,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.advice import end_like_wall
-from rfea_vision.vision.body.begin import as_pointed, pointing
+from rfea_vision.vision.body.first import as_pointed, pointing
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import UNIFORMLY, held_to_length
 from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, gradual

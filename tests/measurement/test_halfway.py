@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.vision.body.begin import END_NEAR, END_PLACED, RANGE, end_among
+from rfea_vision.vision.body.first import END_NEAR, END_PLACED, RANGE, end_among
 from rfea_vision.vision.body.fit import NORMAL, TURN_ROWS, UNKNOWNS, Evidence
 from rfea_vision.vision.body.model import NOWHERE, SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.sampling import RAYS, Behind, measure_edges, measure_end

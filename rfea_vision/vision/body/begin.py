@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -10,19 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts import Hints
 from rfea_vision.lines import along, evenly, scaled
-from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.fit import END_LEVEL
 from rfea_vision.vision.body.marks import Mark, find_marks, place_of, row_of
 from rfea_vision.vision.body.model import (
     CLEAR,
     NORMAL_BASIS,
-    SHARES,
     STATIONS,
     Picture,
     SeenBody,
     frame_of,
+    lab_of,
     learn_colours,
     middle,
 )
@@ -30,7 +30,7 @@ from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.body.shown import STEPS
 from rfea_vision.vision.body.ways import Ways
 from rfea_vision.vision.curve import basis_matrix, fit_curve
-from rfea_vision.vision.find.begin import Scene, beside
+from rfea_vision.vision.find.begin import Scene
 
 HALF_PX = 12.0  # the picture is scaled until the body is twice as wide: windows in px are for such a body
 MOST_ENLARGED, MOST_PIXELS = 4.0, 2_000_000  # of such a picture: more takes longer than it brings
@@ -41,17 +41,62 @@ PIECES = 5  # of the length, whose cross-sections are read apart
 NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
-END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
-# Half widths, 1 s.d.: so far beside it rays that agree found the end of 129 first frames that were drawn by two hands (seen; 1 px).
-END_PLACED = 0.06
-RANGE = 2.7  # standard deviations from the least to the most of seven rays
-TIP_MISSED = 0.2  # half widths, or POINTING_PX: so far beside a mark's middle people click for it
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
-DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
 ROUTE_PX = 3.0  # half a body's width in the picture in which a way is sought, which is blurred by half of that
 ROUTE_FLOOR = 0.02  # cost of a way where surely the body is, over that where it surely is not
 ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
+
+
+@dataclass(frozen=True)
+class Pointed:
+    """What a person pointed at, in px of the pictures that are looked at, `scale` times as large as the film's.
+
+    `clamp` (2, 2) are the edges of the first visible cross-section, `line` (n, 2) leads from its middle to the tip, `half` is half the
+    width there, `length` the tube's by the scale. `enlarged` is by how much a picture was made larger before it is looked at, `allowed`
+    (h, w) where the body may be, None where everywhere. It leaves its clamp to the side on which its tip is, or is `turned`: it curls.
+    """
+
+    clamp: FloatArray
+    line: FloatArray
+    half: float
+    length: float
+    scale: float = 1.0
+    enlarged: float = 1.0
+    hints: Hints = field(default_factory=Hints)
+    allowed: NDArray[np.bool_] | None = None
+    turned: bool = False
+
+    @property
+    def ahead(self) -> FloatArray:
+        """Unit vector (2,) in which the body leaves its clamp."""
+        towards = leaving(self.clamp, self.line[:2])
+        return -towards if self.turned else towards
+
+    @property
+    def colour(self) -> FloatArray | None:
+        """Of the body (3,) in CIELAB, where a person named it."""
+        return None if self.hints.colour is None else lab_of(self.hints.colour)
+
+    @property
+    def marks(self) -> FloatArray | None:
+        """Colour (3,) of its marks in CIELAB, where a person named it."""
+        return None if self.hints.marks is None else lab_of(self.hints.marks)
+
+    @property
+    def drawn(self) -> bool:
+        """Whether a person has drawn the line: clamp, tip and two points between."""
+        return len(self.line) >= 4
+
+    @property
+    def tip(self) -> FloatArray:
+        """Its end (2,)."""
+        return self.line[-1]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of a body (25, 25) px^2 that is somewhere there: it is sought where its picture says."""
+        return np.diag([*np.full(11, self.half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * self.half) ** 2)])
 
 
 def scale_for(scene: Scene, size: tuple[int, int]) -> float:
@@ -61,37 +106,18 @@ def scale_for(scene: Scene, size: tuple[int, int]) -> float:
     return scale if scale < 1.0 else int(STEPS * scale) / STEPS
 
 
-def hinted_lines(
-    picture: Picture,
-    clamp_px: FloatArray,
-    line_px: FloatArray,
-    half_px: float,
-    length_px: float,
-    *,
-    colour: FloatArray | None = None,
-    allowed: NDArray[np.bool_] | None = None,
-) -> list[FloatArray]:
-    """Lines of stations (S, 2) px that the hints allow: a route, and a curve of the body's length.
-
-    Parameters
-    ----------
-    picture : CIELAB
-    clamp_px : (2, 2) across the first visible cross-section
-    line_px : what is known of the centre line (n, 2), from clamp to tip
-    half_px, length_px : half the body's width, and its length
-    colour : (3,) of the body in CIELAB, where it is known; without it, that of its ends is taken
-    allowed : (h, w) where the body may be
-    """
-    if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
-        line = smooth_line(line_px)
-        return [line, on_ridge(picture, line, half_px)]
-    inwards = leaving(clamp_px, line_px[:2])
-    likeness = _likeness(picture, line_px, inwards, half_px) if colour is None else like_colour(picture, colour)
-    if allowed is not None:
-        likeness = np.where(allowed, likeness, 0.0)
-    lines = [_route(likeness, line_px, half_px)]
-    if len(line_px) == 2:
-        lines.append(smooth_line(_bow(line_px, inwards, length_px)))
+def hinted_lines(picture: Picture, pointed: Pointed) -> list[FloatArray]:
+    """Lines of stations (S, 2) px in a picture (CIELAB) that the hints allow: a route, and a curve of the body's length."""
+    if pointed.drawn:
+        line = smooth_line(pointed.line)
+        return [line, on_ridge(picture, line, pointed.half)]
+    own = pointed.colour  # without it, that of its ends is taken
+    likeness = _likeness(picture, pointed.line, pointed.ahead, pointed.half) if own is None else like_colour(picture, own)
+    if pointed.allowed is not None:
+        likeness = np.where(pointed.allowed, likeness, 0.0)
+    lines = [_route(likeness, pointed.line, pointed.half)]
+    if len(pointed.line) == 2:
+        lines.append(smooth_line(_bow(pointed.line, pointed.ahead, pointed.length)))
     return lines
 
 
@@ -140,83 +166,6 @@ def through_rungs(
     first = int(np.linalg.norm(places[0] - line[0]) < half_px)
     line = even(smooth_line(np.vstack([line[:1], places[first:], end])))
     return line, row_of(find_marks(picture, first_body(picture, line, half_px), hinted))
-
-
-def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float, *, drawn: bool) -> FloatArray:
-    """Stations (S, 2) px held near a line at its end alone, or all along where a person has `drawn` it.
-
-    A short body's round end draws an outline aside, and so do gaps between discs, and what lies beside the body.
-    """
-    off = points - line if drawn else SHARES[:, None] ** 2 * (points[-1] - line[-1])
-    apart = np.linalg.norm(off if drawn else off[-1:], axis=1, keepdims=True)
-    near = (DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale) / np.maximum(apart, 1e-9)
-    return points - off * (1.0 - np.minimum(1.0, near))
-
-
-def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed: bool) -> FloatArray:
-    """What `clicks` (n, 2) px miss that a first frame shows, px: the clamp's width (`clamped_px` is half of it), the line, and the tip.
-
-    Across the body, and along it where its end is `believed`.
-    """
-    tangents, normals = frame_of(body.points)
-    tip = clicks[-1] - body.points[-1]
-    missed = [2.0**0.5 * (float(middle(body.half[: SQUARE + 1])) - clamped_px), tip @ normals[-1]]
-    return np.array(missed + [beside(body.points, point) for point in clicks[1:-1]] + [tip @ tangents[-1]] * believed)
-
-
-def pointing(missed: FloatArray, least_px: float, doubt_px: float) -> float:
-    """How well a person points, px (1 s.d.), `least_px` at best, by what clicks missed; of that `doubt_px` is the outline's own.
-
-    By the median of it: people point alike everywhere, and an outline is led astray in one place.
-    """
-    return max(least_px, float(np.sqrt(max((np.median(np.abs(missed)) / QUARTILE) ** 2 - doubt_px**2, 0.0))))
-
-
-def end_among(rays: FloatArray, half_px: float) -> tuple[float, float]:
-    """How far (px) beyond a line rays (RAYS,), NaN where they see none, find its body's end, and how well that is known (1 s.d.).
-
-    0, and `END_NEAR`, where fewer than half find one, or find it elsewhere.
-    """
-    seen = rays[np.isfinite(rays)]
-    stderr = float(np.hypot(END_PLACED * half_px, np.ptp(seen) / RANGE)) if 2 * len(seen) > len(rays) else np.inf
-    clear = stderr < END_NEAR * half_px and abs(np.median(seen)) < END_NEAR * half_px
-    return (float(np.median(seen)), stderr) if clear else (0.0, END_NEAR * half_px)
-
-
-def on_mark(clicks: FloatArray, marks: list[Mark], body: SeenBody, within_px: float) -> FloatArray:
-    """The `clicks` (n, 2) px, their tip at the middle of the mark that was clicked for it, if one is nearer than so many px."""
-    places = [place_of(mark, body) for mark in marks]
-    apart = [float(np.linalg.norm(place - clicks[-1])) for place in places]
-    return np.vstack([clicks[:-1], places[int(np.argmin(apart))]]) if min(apart, default=np.inf) < within_px else clicks
-
-
-def learnt_end(rays: FloatArray, half_px: float, pointed_px: float, variance: float) -> FloatArray | None:
-    """What rays (RAYS,) px are to say of an end that was unseen when it was pointed at, once all see it; None until then.
-
-    It was pointed at beside its end, or its line has slipped since, by so much (1 s.d., and the variance, px^2): as either is likely.
-    """
-    clear = np.ptp(rays) < END_LEVEL * half_px and abs(np.median(rays)) < END_NEAR * half_px  # not so where a ray is NaN
-    return rays - variance / (pointed_px**2 + variance) * np.median(rays) if clear else None
-
-
-def as_pointed(
-    points: FloatArray, clicks: FloatArray, half_px: float, clicked_px: float, aside_px: FloatArray, end_px: float
-) -> FloatArray:
-    """Stations (S, 2) px between an outline and the `clicks` (n, 2) px, from the clamp's middle to the tip, by what both are worth.
-
-    The middle of an outline errs by `aside_px` (S,) (1 s.d.), alike within a body width, and by `end_px` where it ends; a click
-    by `clicked_px`. Kriging: Rasmussen and Williams, Gaussian Processes for Machine Learning, eq. 2.23.
-    """
-    tangents, normals = frame_of(points)
-    places = along(points)
-    near = np.array([0, *np.argmin(np.linalg.norm(points[:, None] - clicks[1:-1], axis=2), axis=0), STATIONS - 1], dtype=int)
-    missed = np.sum((clicks - points[near]) * normals[near], axis=1)
-    alike = np.exp(-0.5 * ((places[:, None] - places[near]) / (2.0 * half_px)) ** 2)
-    doubt = np.outer(aside_px, aside_px[near]) * alike
-    across = np.linalg.solve(doubt[near] + clicked_px**2 * np.eye(len(near)), missed)
-    beyond = (clicks[-1] - points[-1]) @ tangents[-1] / (1.0 + (clicked_px / end_px) ** 2)
-    points = points + (doubt * across) @ normals[near] + beyond * alike[:, -1:] * tangents[-1]
-    return even(points)
 
 
 def leaving(clamp_px: FloatArray, line_px: FloatArray) -> FloatArray:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import scaled
-from rfea_vision.vision.body.begin import ALIKE, leaving, smooth_way
+from rfea_vision.vision.body.begin import ALIKE, Pointed, smooth_way
 from rfea_vision.vision.body.model import Picture
 from rfea_vision.vision.body.ways import Ways
 
@@ -24,33 +23,23 @@ GAPS = 0.1  # of the way, chosen: where more of it is none of the body's, this h
 OUTSIDE = 4.0  # times as dear as the shallowest place of it: gaps are crossed where they are narrow
 
 
-def through_cut_out(
-    picture: Picture, clamp_px: FloatArray, tip_px: FloatArray, half_px: float, length_px: float, allowed: NDArray[np.bool_] | None
-) -> FloatArray | None:
-    """Stations (S, 2) px from the clamp's middle to the tip, through the middle of what looks like these places and unlike the rest.
+def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
+    """Stations (S, 2) px in a picture (CIELAB) from clamp to tip, through the middle of what looks like these and unlike the rest.
 
     Rother, Kolmogorov and Blake, GrabCut, ACM Transactions on Graphics 23, 2004. None where the hints leave nothing to learn from, or
     no body is cut out.
-
-    Parameters
-    ----------
-    picture : CIELAB
-    clamp_px, tip_px : (2, 2) across the first visible cross-section, and (2,) the end
-    half_px, length_px : half the body's width, and its length
-    allowed : (h, w) where the body may be, None where everywhere
     """
-    less = max(int(half_px / CUT_PX), 1)
+    less, hinted, allowed = max(int(pointed.half / CUT_PX), 1), pointed.line[[0, -1]], pointed.allowed
     size = np.array(picture.shape[1::-1]) // less
     small = cv2.resize(picture, size.tolist(), interpolation=cv2.INTER_AREA)
-    clamp, tip, half = scaled(clamp_px.mean(axis=0), 1.0 / less), scaled(tip_px, 1.0 / less), half_px / less
-    ahead = leaving(clamp_px, hinted := np.array([clamp_px.mean(axis=0), tip_px]))
+    (clamp, tip), half = scaled(hinted, 1.0 / less), pointed.half / less
     off = np.dstack(np.meshgrid(np.arange(size[0]), np.arange(size[1]))) - clamp
     away = np.linalg.norm(off, axis=2)
-    nowhere = (away > FARTHEST * length_px / less) | ((away < BEHIND * half) & (off @ ahead < 0.0))
+    nowhere = (away > FARTHEST * pointed.length / less) | ((away < BEHIND * half) & (off @ pointed.ahead < 0.0))
     if allowed is not None:
         nowhere |= cv2.resize(allowed.astype(np.uint8), size.tolist(), interpolation=cv2.INTER_NEAREST) == 0
     mask = np.where(nowhere, cv2.GC_BGD, cv2.GC_PR_BGD).astype(np.uint8)
-    for place in [*(clamp + seed * half * ahead for seed in SEEDS), tip]:
+    for place in [*(clamp + seed * half * pointed.ahead for seed in SEEDS), tip]:
         cv2.circle(mask, np.round(place).astype(int).tolist(), max(round(SEED * half), 1), (cv2.GC_FGD,), -1)
     own = mask == cv2.GC_FGD
     if min(own.sum(), (~own).sum()) < LEAST_PIXELS:

@@ -72,17 +72,16 @@ class First:
     fit: Fit | None = None
 
 
-def elsewhere(first: First, points: FloatArray) -> float:
-    """Share of the points (n, 2) that lie where the hints say that the body never is."""
-    if first.allowed is None:
+def elsewhere(allowed: NDArray[np.bool_] | None, points: FloatArray) -> float:
+    """Share of the points (n, 2) that lie where the hints say that the body never is: outside of `allowed` (h, w)."""
+    if allowed is None:
         return 0.0
-    high = np.array(first.allowed.shape[::-1]) - 1
-    x, y = np.clip(np.round(points), 0, high).astype(int).T
-    return float(np.mean(~first.allowed[y, x]))
+    x, y = np.clip(np.round(points), 0, np.array(allowed.shape[::-1]) - 1).astype(int).T
+    return float(np.mean(~allowed[y, x]))
 
 
 def _elsewhere(first: First, fit: Fit) -> str:
-    share = elsewhere(first, fit.body.points)
+    share = elsewhere(first.allowed, fit.body.points)
     return (
         "" if share <= PIECE else f"{100 * share:.0f} % of it lies where camera.region or camera.exclude forbid it"
     )
