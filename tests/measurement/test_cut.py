@@ -53,8 +53,8 @@ def test_where_hints_allow_nothing_there_is_no_way():
 
 
 def test_an_outline_that_is_led_away_from_the_tip_is_held_there_at_first():
-    """A body that curls before a plate of nearly its colour: its outline had followed the plate, three half widths astray."""
-    line, plate = middle_of(1.5, 75.0), ((34, 54, 110, 110), (204, 219, 222))
+    """A body that curls before a plate of nearly its colour: its outline had followed the plate, two half widths astray."""
+    line, plate = middle_of(1.5, 75.0), ((34, 64, 100, 110), (204, 219, 222))
     scene = follower_of(line).scene
     follower = BodyFollower(replace(scene, hints=replace(scene.hints, centre_line=())), 1.0)
     assert follower.next(drawn(line, np.full(65, HALF_PX), [plate]), 0.0) == ""

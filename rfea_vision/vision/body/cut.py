@@ -19,15 +19,13 @@ FARTHEST = 1.3  # nor farther from that than so many of its lengths
 WITHIN = 1.5  # scatters of one rubber's colour, chosen: what is so near to that of these places is taken for it at first
 TURNS = 4  # of learning colours and cutting: after few nothing changes
 LEAST_PIXELS = 10  # of the body, and of what it is not: GrabCut learns five colours of each
-GAPS = 0.1  # of the way, chosen: where more of it is none of the body's, this has not been cut out
 OUTSIDE = 4.0  # times as dear as the shallowest place of it: gaps are crossed where they are narrow
 
 
 def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
     """Stations (S, 2) px in a picture (CIELAB) from clamp to tip, through the middle of what looks like these and unlike the rest.
 
-    Rother, Kolmogorov and Blake, GrabCut, ACM Transactions on Graphics 23, 2004. None where the hints leave nothing to learn from, or
-    no body is cut out.
+    Rother, Kolmogorov and Blake, GrabCut, ACM Transactions on Graphics 23, 2004. None where the hints leave nothing to learn from.
     """
     less, hinted, allowed = max(int(pointed.half / CUT_PX), 1), pointed.line[[0, -1]], pointed.allowed
     size = np.array(picture.shape[1::-1]) // less
@@ -52,6 +50,4 @@ def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
     cost = np.where(depth > 0.0, half / np.clip(depth, 0.5, half), OUTSIDE * half / 0.5) ** 2
     first, last = (np.clip(np.round(place), 0, size - 1).astype(int)[::-1] for place in (clamp, tip))
     way = Ways(cost, [first]).to(last)
-    if np.mean(depth[way[:, 0], way[:, 1]] == 0.0) > GAPS:
-        return None
     return smooth_way(np.vstack([hinted[:1], scaled(way[:, ::-1].astype(np.float64), less), hinted[1:]]))

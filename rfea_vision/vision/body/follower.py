@@ -15,7 +15,16 @@ from rfea_vision.lines import scaled
 from rfea_vision.vision.body.around import looks_around, off_beside
 from rfea_vision.vision.body.begin import Pointed, hinted_lines, onwards
 from rfea_vision.vision.body.cut import through_cut_out
-from rfea_vision.vision.body.first import LEFT_UNSEEN, LENGTH_SPREAD, WELL_SEEN, Begun, FirstFrame, end_seen, learnt_end
+from rfea_vision.vision.body.first import (
+    ELSE_UNSEEN,
+    LEFT_UNSEEN,
+    LENGTH_SPREAD,
+    WELL_SEEN,
+    Begun,
+    FirstFrame,
+    end_seen,
+    learnt_end,
+)
 from rfea_vision.vision.body.fit import (
     ALONG,
     END_LEVEL,
@@ -169,13 +178,16 @@ class BodyFollower:
         return None if line is None else onwards(scaled(line, self.scale), self.pointed.clamp.mean(axis=0))
 
     def _first_fit(self, lab: Picture) -> Fit:
-        """The first frame's fit along lines that the hints allow; refused, or a tenth of its edges unseen, by what is cut out."""
+        """The first frame's fit along lines that the hints allow; refused, or a tenth of its edges unseen, begun in other ways.
+
+        Another leaves a quarter unseen at most, in place of one that is refused, and half as many as one that is not.
+        """
         self.pointed = replace(self.pointed, allowed=allowed_pixels(lab.shape, self.scene.hints, self.scale))
         begun = FirstFrame(lab, self.wall, self.pointed).begin(hinted_lines(lab, self.pointed))
         fit = self._begun_fit(lab, begun)
         if len(self.pointed.line) > 2 or not (fit.reason or fit.unseen > 1.0 - WELL_SEEN):
             return fit
-        least, best = np.inf if fit.reason else LEFT_UNSEEN * fit.unseen, begun
+        least, best = ELSE_UNSEEN if fit.reason else LEFT_UNSEEN * fit.unseen, begun
         for anew in self._begun_again(lab, begun):
             found = self._begun_fit(lab, anew)
             if not found.reason and found.unseen < least:
@@ -183,7 +195,7 @@ class BodyFollower:
         return self._begun_fit(lab, best)
 
     def _begun_again(self, lab: Picture, before: Begun) -> Iterator[Begun]:
-        """Other beginnings of a body that is cut out: by clamp and marks as found `before`, and afresh; of one that curls, too."""
+        """Other beginnings: by the lines and what is cut out, by clamp and marks as `before` and afresh, and of a body that curls."""
         for pointed in (self.pointed, replace(self.pointed, turned=True)):
             if (cut := through_cut_out(lab, pointed)) is not None:
                 frame, hinted = FirstFrame(lab, self.wall, pointed), hinted_lines(lab, pointed)
