@@ -91,11 +91,10 @@ class FirstFrame:
 
     def begin(self, lines: list[FloatArray], before: Begun | None = None, *, end_held: bool = False) -> Begun:
         """Outline, colours, texture and end, sought along lines of stations (S, 2) px; by clamp and marks as found `before`."""
-        lab, pointed, half, through = self.lab, self.pointed, self.pointed.half, None
-        if through := through_rungs(lab, lines, half, pointed.marks):
-            lines = [through[0]]
+        lab, pointed, half = self.lab, self.pointed, self.pointed.half
         base, rungs = (before.foot[0], before.marks) if before else (pointed.clamp.mean(axis=0), [])
-        rungs = through[1] if through else rungs
+        if through := through_rungs(lab, lines, half, pointed.marks):
+            lines, rungs = [through[0]], through[1]
         body = self._outline(lines, base, rungs, end_held)
         beyond, end_px = end_among(self._end_of(body), half)
         clear = end_px < END_NEAR * half
