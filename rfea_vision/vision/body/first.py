@@ -44,7 +44,7 @@ FIRST_TURNS, FREE_TURNS = 8, 2  # of an outline; in the last ones its width is f
 # where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 # Of the edges, at most, by another beginning in place of one that is refused: of 163 real first frames pointed at three half widths
-# beside their bodies (seen) 21 more were found at any share, and two with this.
+# beside their bodies (seen) 21 more were found where it had only to leave fewer than the refused one, and two with this.
 ELSE_UNSEEN = 0.25
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
 POINTED_SHARE = 0.05  # of the half width, 1 s.d., chosen: the middle of a wide body is not pointed at to the pixel
