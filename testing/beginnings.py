@@ -16,7 +16,7 @@ from rfea_vision.readers.video import FrameSource, open_frames
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.light import levelled
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 from testing.drawn import Scene, Stage
 from testing.pointing import pointed_by_hand
 

@@ -17,7 +17,16 @@ from rfea_vision.artefacts.judgement import (
     Tie,
     WorstPlace,
 )
-from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Actuator, Calibration, Hints, Recording, Track, bend_sign
+from rfea_vision.artefacts.measurement import (
+    CHOOSING_ROLES,
+    Actuator,
+    Calibration,
+    Correction,
+    Hints,
+    Recording,
+    Track,
+    bend_sign,
+)
 
 __all__ = [
     "CHOOSING_ROLES",
@@ -25,6 +34,7 @@ __all__ = [
     "Calibration",
     "Candidate",
     "Comparison",
+    "Correction",
     "Diagnosis",
     "EffectSet",
     "ExperimentScore",

@@ -124,6 +124,14 @@ Vertical = str | Mapping[str, Sequence[Sequence[float]]]
 
 
 @dataclass(frozen=True)
+class Correction:
+    """Where the tube is in a later frame: points on its centre line in px of that frame, in order from the clamp, the tip last."""
+
+    frame: int
+    points: tuple[Pixel, ...]
+
+
+@dataclass(frozen=True)
 class Hints:
     """What a person points at in the first frame of a film, in pixels; boxes are x, y, width and height.
 
@@ -132,6 +140,7 @@ class Hints:
     clamp : two points across the first visible cross-section
     tip : the end of the tube
     centre_line : points on the centre line between the two, in order from the clamp
+    corrections : where it is in later frames, each in that frame's own pixels
     region : where in the picture the tube moves
     exclude : where it never is: a hose, a hand, another tube
     colour : of the tube, red, green and blue of 255
@@ -143,6 +152,7 @@ class Hints:
     clamp: tuple[Pixel, Pixel] | None = None
     tip: Pixel | None = None
     centre_line: tuple[Pixel, ...] = ()
+    corrections: tuple[Correction, ...] = ()
     region: Box | None = None
     exclude: tuple[Box, ...] = ()
     colour: Colour | None = None

@@ -37,7 +37,7 @@ def of_camera(
     camera: CameraSpec, film: Film, tube: Actuator, gravity_deg: float | None
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """What is wrong, and what is odd, of what was pointed at in a film, or found there by another program: keys, and why."""
-    wrong, odd = outside(camera, film.size), of_hints(camera.hints, gravity_deg)
+    wrong, odd = outside(camera, film), of_hints(camera.hints, gravity_deg)
     if camera.scale is not None and not wrong:
         try:
             odd += of_size(camera.hints, calibrated_by_scale(camera, film.size, 1e3 * tube.length), tube)
@@ -128,16 +128,24 @@ def _upside_down(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str
     ]
 
 
-def outside(camera: CameraSpec, size: tuple[int, int]) -> list[tuple[str, str]]:
-    """What was pointed at outside of pictures of a `size` in px: the key under `camera`, and why."""
-    hints, scale = camera.hints, camera.scale
+def outside(camera: CameraSpec, film: Film) -> list[tuple[str, str]]:
+    """What was pointed at outside of a film's pictures, or after its last: the key under `camera`, and why."""
+    hints, scale, size = camera.hints, camera.scale, film.size
     given = {"clamp": hints.clamp or (), "tip": () if hints.tip is None else (hints.tip,), "centre_line": hints.centre_line}
     given["scale.points"] = scale.points if isinstance(scale, ScalePart) else ()
-    found = []
+    given["corrections"] = [point for later in hints.corrections for point in later.points]
+    found = [
+        ("corrections", f"frame {later.frame} is not in the film, whose last is {film.frames - 1}; the first is 0")
+        for later in hints.corrections
+        if later.frame >= film.frames
+    ]
     for key, points in given.items():
         places = np.array(points, dtype=float).reshape(-1, 2)
         for x, y in places[np.any((places < -0.5) | (places > np.array(size) - 0.5), axis=1)][:1]:
-            found.append((key, f"{x:g}, {y:g} lies outside the picture of {size[0]} x {size[1]} px; point at it in the first frame"))
+            which = "that" if key == "corrections" else "the first"
+            found.append((key, f"{x:g}, {y:g} lies outside the picture of {size[0]} x {size[1]} px; point at it in {which} frame"))
+    if hints.corrections and (hints.clamp is None or hints.tip is None):
+        found.append(("corrections", "acts where camera.clamp and camera.tip are given, too; give both, in pixels of the first frame"))
     if hints.region is not None:
         x, y, width, height = hints.region
         if x >= size[0] or y >= size[1] or x + width <= 0.0 or y + height <= 0.0:

@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from math import pi
 
-from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.artefacts import Actuator, Correction, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.campaign.finding import Files, Finder, Folders
 from rfea_vision.campaign.problems import FileProblem
@@ -108,6 +108,9 @@ def _check_scale(part: CameraPart, finder: Finder) -> None:
 def _hints(part: CameraPart, finder: Finder) -> Hints:
     if part.clamp is not None and part.clamp[0] == part.clamp[1]:
         finder.complain("camera.clamp", "its two points are one; give the two edges of the first visible cross-section")
+    frames = [again.frame for again in part.corrections or ()]
+    if twice := next((frame for frame in frames if frames.count(frame) > 1), None):
+        finder.complain("camera.corrections", f"frame {twice} is there twice; give all points of a frame at once")
     masks, keypoints = finder.file("camera.masks", part.masks, folder=True), finder.file("camera.keypoints", part.keypoints)
     return replace(hints_of(part), masks=masks, keypoints=keypoints)
 
@@ -118,6 +121,7 @@ def hints_of(part: CameraPart) -> Hints:
         clamp=part.clamp,
         tip=part.tip,
         centre_line=tuple(part.centre_line or ()),
+        corrections=tuple(Correction(again.frame, tuple(again.points)) for again in part.corrections or ()),
         region=part.region,
         exclude=tuple(part.exclude or ()),
         colour=part.colour,

@@ -243,10 +243,18 @@ class ScalePart(_Part):
     error: Length | None = None
 
 
+class CorrectionPart(_Part):
+    """Where the tube is in a later `frame` (the first is 0): `points` on it in that frame's pixels, from the clamp on, the tip last."""
+
+    frame: Annotated[int, Field(ge=1)]
+    points: Annotated[list[tuple[float, float]], Field(min_length=1)]
+
+
 class CameraPart(_Part):
     """How the pictures are to be read: `board` and `photos`, or `file` of an earlier calibration, or a `scale` alone.
 
-    `clamp`, `tip`, `centre_line`, `region`, `exclude`, `colour` and `marks` are hints, in pixels of the first frame.
+    `clamp`, `tip`, `centre_line`, `region`, `exclude`, `colour` and `marks` are hints, in pixels of the first frame, and
+    `corrections` in those of later ones.
     `profile` names a file of calib/cameras, whose lens model is taken where `lens` is not given.
     """
 
@@ -262,6 +270,7 @@ class CameraPart(_Part):
     clamp: PixelPair | None = None
     tip: tuple[float, float] | None = None
     centre_line: list[tuple[float, float]] | None = None
+    corrections: list[CorrectionPart] | None = None
     region: PixelBox | None = None
     exclude: list[PixelBox] | None = None
     colour: Rgb | None = None

@@ -124,7 +124,7 @@ def _say_calibration(found: Track, calibration: Calibration, experiment: Experim
 
 def _say_gravity(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:
     """Add, as an attribute, where gravity points by the plumb line in the picture."""
-    from rfea_vision.vision.track import gravity_seen_deg
+    from rfea_vision.vision.scene import gravity_seen_deg
 
     if experiment.rig.plumb is not None:
         down = np.array([found.dataset.attrs[f"down_plane_{axis}"] for axis in "xy"])
@@ -194,7 +194,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
 
         to_rig_mm = None
         if calibration is not None and camera is not None:
-            from rfea_vision.vision.track import rig_axes_mm
+            from rfea_vision.vision.scene import rig_axes_mm
 
             gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)

@@ -147,8 +147,9 @@ def _read_until(reasons: list[str]) -> str:
     if not BEGUN <= count < len(reasons):
         return ""
     return (
-        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what "
-        f"changes in frame {count} ({reasons[count]})"
+        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what changes in "
+        f"frame {count} ({reasons[count]}) and point at the tube again where it is seen, from the clamp to the tip: "
+        f"camera.corrections: [{{frame: {count}, points: [[x, y], ...]}}]"
     )
 
 
@@ -215,6 +216,17 @@ def end_guessed(follower: Follower | BodyFollower) -> str:
     )
 
 
+def went_astray(follower: Follower | BodyFollower) -> str:
+    """Say in which frames the line had gone elsewhere than where a person points again, and what follows from it; else empty."""
+    if not isinstance(follower, BodyFollower) or not follower.astray:
+        return ""
+    frames = ", ".join(map(str, follower.astray))
+    return (
+        f"before camera.corrections of frame {frames} the line had gone elsewhere than where the tube was pointed at there: earlier "
+        "frames are wrong, too, back to one in which it is seen to be right; point at an earlier one as well"
+    )
+
+
 def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     """Say that what holds the tube has moved up to where frames were refused: no hint mends that. Empty where it rests."""
     if scene.clamp_px is None or _left_picture(reasons):
@@ -257,7 +269,7 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
         fitted = []  # whose ends edges tell
         for way in (unhinted, replace(unhinted, down=-scene.down), *[scene] * bool(len(scene.line_px))):
             if not isinstance(found := begin(picture, way, new_buffers()), str):
-                fitted.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))
+                fitted.append(Path(project(scene.camera, line_of(found.state.coefficients)), found.polarity, found.score, found.score))
         kinds = fitted, paths, motion.ribbons(2 * half_px, length_px)
         for line in [line for kind in kinds for line in moving_lines(kind, motion, length_px)][:MOST_TRIED]:
             ahead = line[int(np.argmax(along(line) > half_px))] - line[0]
@@ -320,6 +332,7 @@ def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
         for time_s, picture in islice(pictures, 0, step * count, step):
             if not follower.next(picture, time_s):
                 seen.append((*follower.body.points[-1], follower.body.length))
+            follower.frame += step - 1  # of the film: what is known of single frames is theirs
             if follower.hopeless():
                 break
     # In all but a tenth of the frames to either side: a line that settles after the first one does not sway, nor one that slides along.

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
+from rfea_vision.artefacts import Actuator, Calibration, Hints, Track
 from rfea_vision.artefacts.measurement import Vertical
-from rfea_vision.calibration.photos import unlike_film
-from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.lines import rig_axes, scaled
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import (
@@ -27,15 +23,17 @@ from rfea_vision.vision.advice import (
     moves_elsewhere,
     next_hint,
     scale_doubt,
+    went_astray,
 )
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.derive.shutter import Shutter
-from rfea_vision.vision.find.begin import Scene, scale_at
+from rfea_vision.vision.find.begin import Scene, line_of, off_hints
 from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.light import levelled
+from rfea_vision.vision.scene import make_scene, matched_to
 
 Progress = Callable[[int, int], None] | None
 
@@ -115,6 +113,7 @@ def track_frames(
     if told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
         raise DataError(f"{source.path}: {told}")
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
+    said += [told] if (told := went_astray(follower)) else []
     if told := _misplaced(source, scene, follower, rows) or end_like_wall(follower) or end_guessed(follower):
         said.append(told)
     elif rows.share < READ and not said:
@@ -129,17 +128,29 @@ def _followed(
 ) -> tuple[Follower | BodyFollower, Rows]:
     """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept."""
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
-    if scene.is_pointed_at and rows.share < READ:
+    unread, astray = _corrected_edges(rows, scene)
+    if scene.is_pointed_at and (rows.share < READ or unread or astray):
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
         if seen.share < READ and base_moved(source, scene, seen.reasons):
             held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
             body, seen = max((body, seen), held, key=lambda way: way[1].good)
         # Where the body reads nothing, nothing is where it was pointed at.
-        if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
+        if seen.good == 0 or astray or rows.share < max(EDGES_ALONE, seen.share):
             follower, rows = body, seen
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     return follower, rows
+
+
+def _corrected_edges(rows: Rows, scene: Scene) -> tuple[bool, bool]:
+    """Whether edges were refused in a frame in which a person points at the tube again, and whether they lie elsewhere in one."""
+    unread, astray = False, False
+    for later in scene.hints.corrections:
+        if later.frame < len(rows):
+            line = line_of(rows.of_all("coefficients")[later.frame])
+            unread |= bool(rows.reasons[later.frame])
+            astray |= not rows.reasons[later.frame] and bool(off_hints(line, scene, again=np.array(later.points)))
+    return unread, astray
 
 
 def follow_edges(
@@ -230,7 +241,8 @@ def follow_body(
     read = follower.picture_scale
     small = None if lamp is None else tuple(slice(int(read * s.start), int(read * s.stop) + 1) for s in lamp)
     for done in _added(rows, follower, source, levelled(source.colours(read)), small, progress):
-        if follower.hopeless() or too_late(done, rows.good, rows.copies, total, lost=follower.missed):
+        lost = 0 if follower.awaited() else follower.missed
+        if follower.hopeless() or too_late(done, rows.good, rows.copies, total, lost=lost):
             break
     return follower, rows
 
@@ -287,104 +299,3 @@ def shutter_of(source: FrameSource, line_delay_s: float | None, lamp: tuple[slic
     middle = (width - 1) / 2, (height - 1) / 2
     at = middle if lamp is None else ((lamp[1].start + lamp[1].stop - 1) / 2, (lamp[0].start + lamp[0].stop - 1) / 2)
     return Shutter(line_delay_s, at, source.quarter_turns, source.size)
-
-
-def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
-    """The calibration for pictures of the source's size: the same, or scaled where the shape is the same."""
-    if not has_plane(calibration):
-        raise InputError("camera.plane is missing: give a photo of the board lying in the plane of motion")
-    w, h = source.size
-    if unlike := unlike_film((calibration.image_width, calibration.image_height), source.size):
-        raise InputError(f"{source.path}: {unlike}")
-    if max(abs(w - calibration.image_width), abs(h - calibration.image_height)) <= 2:
-        return calibration
-    fx, fy = w / calibration.image_width, h / calibration.image_height
-    matrix = calibration.camera_matrix.copy()
-    matrix[0, 0] *= fx
-    matrix[1, 1] *= fy
-    matrix[:2, 2] = scaled(matrix[:2, 2], np.array([fx, fy]))
-    factors = np.ones(calibration.intrinsics_covariance.shape[0])
-    factors[:4] = fx, fy, fx, fy
-    joint = calibration.joint_covariance
-    if joint is not None:
-        every = np.concatenate([factors, np.ones(joint.shape[0] - len(factors))])
-        joint = joint * every[:, None] * every[None, :]
-    return replace(
-        calibration,
-        image_width=w,
-        image_height=h,
-        camera_matrix=matrix,
-        intrinsics_covariance=calibration.intrinsics_covariance * factors[:, None] * factors[None, :],
-        joint_covariance=joint,
-    )
-
-
-def make_scene(
-    calibration: Calibration,
-    actuator: Actuator,
-    vertical: Vertical,
-    hints: Hints,
-    size: tuple[int, int],
-    gravity_deg: float = 0.0,
-) -> Scene:
-    """Gather what is known before the first frame."""
-    camera = camera_vector(calibration)
-    for name in ("clamp", "tip", "centre_line"):
-        hint = np.asarray(() if (given := getattr(hints, name)) is None else given, dtype=float).reshape(-1, 2)
-        if np.any(hint < 0) or np.any(hint > np.array(size)):
-            raise InputError(f"camera.{name}: {hint.tolist()} lies outside the picture of {size[0]} x {size[1]} px")
-    middle = np.array([size[0] / 2, size[1] / 2])
-    px_per_mm = scale_at(camera, middle)
-    if not np.isfinite(px_per_mm):
-        raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
-    down = turned(down_direction(camera, vertical, middle), gravity_deg, actuator.bends)
-    return Scene(camera, actuator, down, px_per_mm, hints)
-
-
-def down_direction(camera: FloatArray, vertical: Vertical, middle_px: FloatArray) -> FloatArray:
-    """Unit vector of gravity on the plane; for ``rest`` the board's, until the resting tube is known."""
-    if isinstance(vertical, Mapping):
-        plumb = np.asarray(vertical.get("plumb", []), dtype=float)
-        if plumb.shape != (2, 2):
-            raise InputError(
-                "camera.vertical.plumb: give two points in pixels, such as {plumb: [[100, 50], [102, 900]]}"
-            )
-        top, bottom = plumb[np.argsort(plumb[:, 1])]
-        line = unproject(camera, np.array([top, bottom]))
-    elif vertical == "image":
-        line = unproject(camera, np.array([middle_px, middle_px + np.array([0.0, 1.0])]))
-    elif vertical in ("board", "rest"):
-        return np.array([0.0, -1.0])
-    else:
-        raise InputError(f"camera.vertical: '{vertical}' is unknown; use board, rest, image or plumb")
-    down = line[1] - line[0]
-    return down / np.linalg.norm(down)
-
-
-def turned(gravity: FloatArray, gravity_deg: float, bends: str) -> FloatArray:
-    """Direction (2,) in which the unloaded tube points, where gravity lies `gravity_deg` from it towards the side of the bend."""
-    angle = np.deg2rad(gravity_deg) * bend_sign(bends)
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * gravity[0] - s * gravity[1], s * gravity[0] + c * gravity[1]])
-
-
-def gravity_seen_deg(calibration: Calibration, down: FloatArray, plumb_px: ArrayLike, bends: str) -> float:
-    """Direction of gravity from `down` (2,) of the rig on the plane, positive in the direction of the bend.
-
-    Parameters
-    ----------
-    plumb_px : (2, 2) two points in px on a line that hangs plumb, upper one first
-    """
-    upper, lower = unproject(camera_vector(calibration), np.asarray(plumb_px, dtype=float))
-    gravity, side = lower - upper, bend_sign(bends)
-    return float(np.rad2deg(np.arctan2(side * (down[1] * gravity[0] - down[0] * gravity[1]), down @ gravity)))
-
-
-def rig_axes_mm(
-    calibration: Calibration, vertical: Vertical, gravity_deg: float, bends: str
-) -> Callable[[FloatArray], FloatArray]:
-    """Return what turns pixels (..., 2) into mm (..., 2) along camera-right and up, from an origin of no meaning."""
-    camera = camera_vector(calibration)
-    middle = np.array([calibration.image_width / 2, calibration.image_height / 2])
-    down = turned(down_direction(camera, vertical, middle), gravity_deg, bends)
-    return lambda pixels: unproject(camera, pixels) @ rig_axes(down).T

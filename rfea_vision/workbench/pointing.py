@@ -19,8 +19,8 @@ from rfea_vision.campaign import Campaign, ExperimentSpec, VideoSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource
+from rfea_vision.vision.scene import matched_to
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
-from rfea_vision.vision.track import matched_to
 from rfea_vision.workbench.state import POINTABLE
 from rfea_vision.workbench.yaml_edit import set_keys
 
@@ -144,12 +144,15 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
     if key not in POINTABLE:
         raise InputError(f"camera.{key}: is set by hand; one points at {', '.join(POINTABLE)}")
     if value is not None:
-        width, height = source_of(experiment).size
+        source = source_of(experiment)
+        width, height = source.size
         for x, y in _points(key, value):
             if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
                 raise InputError(f"camera.{key}: {x:g}, {y:g} lies outside the picture of {width} x {height} px")
+        if key == "corrections" and not all(0 < later["frame"] < len(source.times_s()) for later in value):
+            raise InputError(f"camera.{key}: a frame is none of the film's after the first; point at the tube in one of these")
     shared = campaign.root / "campaign.yaml"
-    file = shared if everywhere and shared.is_file() else experiment.file
+    file = shared if everywhere and key != "corrections" and shared.is_file() else experiment.file  # frames are those of one film
     set_keys(file, {("camera", key): value})
     return file
 
@@ -158,6 +161,8 @@ def _points(key: str, value: Any) -> Sequence[tuple[float, float]]:
     """Points that have to lie in the picture; of boxes the two corners."""
     if key in ("clamp", "centre_line"):
         return [(float(x), float(y)) for x, y in value]
+    if key == "corrections":
+        return [(float(x), float(y)) for later in value for x, y in later["points"]]
     if key == "tip":
         x, y = value
         return [(float(x), float(y))]

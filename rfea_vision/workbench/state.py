@@ -20,7 +20,7 @@ from rfea_vision.stages.warnings import DOUBTS, is_doubt
 from rfea_vision.workbench.guide import mend, next_step
 
 #: Hints that one can point at: fields of `artefacts.Hints`, keys below `camera` in the files.
-POINTABLE = ("clamp", "tip", "centre_line", "region", "exclude")
+POINTABLE = ("clamp", "tip", "centre_line", "corrections", "region", "exclude")
 
 
 def state_of(folder: Path, out: Path | None, failed: str = "") -> dict[str, Any]:

@@ -18,8 +18,8 @@ from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource, Luma
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.measurement import follow
+from rfea_vision.vision.scene import matched_to
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
-from rfea_vision.vision.track import matched_to
 
 #: The film is followed from its first frame in ever longer pieces, each the very track that `rfea track` would make of it: the
 #: first is there at once, and all together cost one and a half times the last.

@@ -16,7 +16,8 @@ from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.follow.follower import Follower
-from rfea_vision.vision.track import follow_body, make_scene, too_few, too_late
+from rfea_vision.vision.scene import make_scene
+from rfea_vision.vision.track import follow_body, too_few, too_late
 from testing.phone import Arm, Room, clear_scene, film, scene
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)

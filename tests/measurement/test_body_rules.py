@@ -19,7 +19,7 @@ from rfea_vision.vision.body.sampling import Behind, support
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of, off_hints
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision import advice
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.clicks import aside
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 CLAMP, TIP = ((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)
 

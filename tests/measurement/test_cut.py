@@ -15,7 +15,7 @@ from rfea_vision.vision.body.cut import through_cut_out
 from rfea_vision.vision.body.first import Begun, held_near
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 from .test_gone import HALF as HALF_PX
 from .test_gone import RUBBER, WALL, drawn, follower_of, middle_of

@@ -13,7 +13,7 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.marks import find_marks, marks_in, place_of, row_of
 from rfea_vision.vision.body.model import SHARES, SeenBody
 from rfea_vision.vision.body.shown import Shown
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 FOOT, SIZE, HALF, PITCH = np.array([230.0, 270.0]), (360, 300), 12.0, 9.0
 LENGTH = 207.0  # 23 discs

@@ -9,7 +9,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.pictures import scaled
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 SIZE = (260, 240)
 

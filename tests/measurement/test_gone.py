@@ -17,7 +17,7 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import UNIFORMLY, held_to_length
 from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, gradual
 from rfea_vision.vision.curve import COEFFICIENTS
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 
 RUBBER, WALL = (210, 225, 228), (60, 70, 66)
 HALF = 12.0

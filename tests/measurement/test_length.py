@@ -16,7 +16,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision import advice, track_frames
 from rfea_vision.vision.derive.shape import _length_check
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.scene import make_scene
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 

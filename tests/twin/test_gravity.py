@@ -7,7 +7,7 @@ import xarray as xr
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, simulate
-from rfea_vision.vision.track import gravity_seen_deg, turned
+from rfea_vision.vision.scene import gravity_seen_deg, turned
 
 
 @pytest.mark.parametrize("gravity", ["left", pytest.param("up", marks=pytest.mark.study)])

@@ -41,6 +41,10 @@ PIECES = 5  # of the length, whose cross-sections are read apart
 NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
+# How well a person points, 1 s.d., chosen: at best, in px of the film; and of the half width, for the middle of a wide body is not
+# pointed at to the pixel.
+POINTED_PX, POINTED_SHARE = 1.0, 0.05
+DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
 ROUTE_PX = 3.0  # half a body's width in the picture in which a way is sought, which is blurred by half of that
@@ -92,6 +96,16 @@ class Pointed:
     def tip(self) -> FloatArray:
         """Its end (2,)."""
         return self.line[-1]
+
+    @property
+    def stderr(self) -> float:
+        """How well a person points at its middle."""
+        return float(np.hypot(POINTED_PX * self.scale, POINTED_SHARE * self.half))
+
+    @property
+    def near(self) -> float:
+        """How near to a line that was drawn the body is, and to a tip that was pointed at."""
+        return DRAWN_NEAR[0] * self.half + DRAWN_NEAR[1] * self.scale
 
     @property
     def covariance(self) -> FloatArray:

@@ -20,7 +20,6 @@ from rfea_vision.vision.body.begin import (
     through_rungs,
 )
 from rfea_vision.vision.body.fit import ALONG, END_LEVEL, SYSTEMATIC, WIDTH, Evidence, end_rays, fit_body
-from rfea_vision.vision.body.known import POINTED_PX
 from rfea_vision.vision.body.marks import Mark, find_marks, marks_in, place_of, put_on
 from rfea_vision.vision.body.model import (
     SHARES,
@@ -47,14 +46,12 @@ OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 # beside their bodies (seen) 21 more were found where it had only to leave fewer than the refused one, and two with this.
 ELSE_UNSEEN = 0.25
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
-POINTED_SHARE = 0.05  # of the half width, 1 s.d., chosen: the middle of a wide body is not pointed at to the pixel
 LENGTH_SPREAD = 0.1  # how well the length is known when the first frame is searched, and while nothing tells it: rubber grows
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 # Half widths, 1 s.d.: so far beside it rays that agree found the end of 129 first frames that were drawn by two hands (seen; 1 px).
 END_PLACED = 0.06
 RANGE = 2.7  # standard deviations from the least to the most of seven rays
 TIP_MISSED = 0.2  # half widths, or POINTING_PX: so far beside a mark's middle people click for it
-DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 
 
 @dataclass
@@ -107,7 +104,7 @@ class FirstFrame:
             clear, end_px, end = False, END_NEAR * half, body.points[-1]
         body.points[-1] = end
         # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
-        doubt, least = SYSTEMATIC * half, float(np.hypot(POINTED_PX * pointed.scale, POINTED_SHARE * half))
+        doubt, least = SYSTEMATIC * half, pointed.stderr
         clicked = pointing(missed_by(clicks, body, half, believed=clear), least, doubt)
         body.told = told_from_wall(body)
         body.points = as_pointed(body.points, clicks, half, least if marked else clicked, doubt + body.strays, end_px)
@@ -160,7 +157,7 @@ class FirstFrame:
             body = fit.body
             body.points = even(body.points)
             if pointed.drawn or (end_held and turn < FIRST_TURNS - FREE_TURNS):
-                body.points = held_near(body.points, line, half, pointed.scale, drawn=pointed.drawn)
+                body.points = held_near(body.points, line, pointed.near, drawn=pointed.drawn)
             learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / pointed.length - 1.0) / LENGTH_SPREAD) ** 2)
@@ -178,15 +175,14 @@ def end_seen(picture: Picture, wall: Wall, body: SeenBody, half_px: float) -> Fl
     return np.where(np.abs(offsets) < 2.0 * half_px, offsets, np.nan)
 
 
-def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float, *, drawn: bool) -> FloatArray:
-    """Stations (S, 2) px held near a line at its end alone, or all along where a person has `drawn` it.
+def held_near(points: FloatArray, line: FloatArray, near_px: float, *, drawn: bool) -> FloatArray:
+    """Stations (S, 2) px held so near to a line at its end alone, or all along where a person has `drawn` it.
 
     A short body's round end draws an outline aside, and so do gaps between discs, and what lies beside the body.
     """
     off = points - line if drawn else SHARES[:, None] ** 2 * (points[-1] - line[-1])
     apart = np.linalg.norm(off if drawn else off[-1:], axis=1, keepdims=True)
-    near = (DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale) / np.maximum(apart, 1e-9)
-    return points - off * (1.0 - np.minimum(1.0, near))
+    return points - off * (1.0 - np.minimum(1.0, near_px / np.maximum(apart, 1e-9)))
 
 
 def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed: bool) -> FloatArray:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +24,7 @@ from rfea_vision.vision.body.first import (
     Begun,
     FirstFrame,
     end_seen,
+    held_near,
     learnt_end,
 )
 from rfea_vision.vision.body.fit import (
@@ -42,7 +44,7 @@ from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, hel
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_numbers
-from rfea_vision.vision.body.marks import along_line, marks_in
+from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip
 from rfea_vision.vision.body.model import Picture, SeenBody, Sight, follow_colours, frame_of, middle, skin_of
 from rfea_vision.vision.body.rules import First, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
@@ -50,7 +52,7 @@ from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.begin import CORRECTIONS, FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
@@ -95,6 +97,9 @@ class BodyFollower:
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
         self.edge_offsets: FloatArray | None = None
         self.guide = guide_of(scene.hints, scene.pointed()[0])
+        self.corrections = {later.frame: np.array(later.points) for later in scene.hints.corrections}
+        self.again: FloatArray | None = None  # (n, 2) px of the film's first picture: where it was pointed at in this frame
+        self.astray: list[int] = []  # frames in which a line that broke no other rule was not there
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
 
@@ -103,7 +108,7 @@ class BodyFollower:
         self.frame += 1
         if self.hopeless():
             return self.refusal
-        if self.good and self.missed == 0 and np.array_equal(picture, self.shown.picture):
+        if self.good and self.missed == 0 and self.frame not in self.corrections and np.array_equal(picture, self.shown.picture):
             copied = self.moved_px > MOVING_PX  # of a body at rest pictures may be alike, too
             self.good += not copied
             return "duplicate" if copied else ""
@@ -111,6 +116,7 @@ class BodyFollower:
         if not self.seen_from.seen:
             self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
             return self.refusal
+        self.again = self._pointed_again()
         shown = Shown(picture, self.enlarged, self.seen_from.moved)
         if self.good == 0:
             self.wall = Wall(shown.shape, still=not self.held)
@@ -122,6 +128,8 @@ class BodyFollower:
             fits = [self._judged(lab, self._fit(lab, *self._predicted(lab), 0.8 if self.missed == 0 else 1.5))]
             if guided is not None:
                 fits.append(self._judged(lab, self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8)))
+            if self.again is not None:
+                fits = self._corrected(lab, self.again, fits)
         fit = max(fits, key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed.half
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
@@ -150,7 +158,7 @@ class BodyFollower:
 
     def looked_at(self, *lines: FloatArray) -> tuple[FloatArray, float]:
         """Places (n, 2) px, and how far around them a picture is looked at: where the body was, and on such lines; or all of it."""
-        if self.good == 0 or self.guide is not None:
+        if self.good == 0 or self.guide is not None or self.again is not None:
             return EVERYWHERE
         return np.vstack([self.body.points, *lines]), LOOKED_AT[self.missed > 0] * float(middle(self.body.half))
 
@@ -161,12 +169,17 @@ class BodyFollower:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
-        fit.reason = refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
+        broken = refused(self.first, fit, lost=lost, vouched=self.again is not None)
+        fit.reason = broken or off_hints(line_mm, self.scene, first=self.good == 0, again=self.again)
         return fit
 
     def hopeless(self) -> bool:
         """Whether it was not where it was pointed at, in any frame in which it is looked for there."""
         return self.good == 0 and self.missed >= FIRST_TRIES
+
+    def awaited(self) -> bool:
+        """Whether a person points at it again in a frame that is still to come."""
+        return any(frame > self.frame for frame in self.corrections)
 
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the origin along the tube: it is where it was pointed at."""
@@ -176,6 +189,29 @@ class BodyFollower:
         """Stations where another program saw the body in this frame, from the clamp on."""
         line = None if self.guide is None else self.guide(self.frame)
         return None if line is None else onwards(scaled(line, self.scale), self.pointed.clamp.mean(axis=0))
+
+    def _pointed_again(self) -> FloatArray | None:
+        """Points (n, 2) px of the film's first picture at which a person points in this frame; None where at none."""
+        if (points := self.corrections.get(self.frame)) is None or self.good == 0:
+            return None
+        back = np.asarray(cv2.invertAffineTransform(self.view), dtype=float)
+        return points @ back[:, :2].T + back[:, 2]
+
+    def _corrected(self, lab: Picture, again: FloatArray, carried: list[Fit]) -> list[Fit]:
+        """Fits along the lines that points (n, 2) px of the film's first picture allow; where none holds, those that were `carried`."""
+        line = np.vstack([self.pointed.line[:1], scaled(again, self.scale)])
+        pointed, none = replace(self.pointed, line=line, length=self.known_length), np.zeros((UNKNOWNS, UNKNOWNS))
+        found = []
+        for line in hinted_lines(lab, pointed):
+            outline, _ = self._outlined(lab, line)
+            outline.points = held_near(outline.points, line, pointed.near, drawn=pointed.drawn)
+            known = pointed.covariance
+            known[NORMAL, NORMAL] *= (0.5 * pointed.near / pointed.half if pointed.drawn else 1.0) ** 2
+            known[ALONG, ALONG] += pointed.stderr**2 * UNIFORMLY
+            found.append(self._judged(lab, self._fit(lab, outline, none, 0.8, covariance=known)))
+        if self.missed == 0 and CORRECTIONS in carried[0].reason:
+            self.astray.append(self.frame)
+        return [fit for fit in found if not fit.reason] or carried
 
     def _first_fit(self, lab: Picture) -> Fit:
         """The first frame's fit along lines that the hints allow; refused, or a tenth of its edges unseen, begun in other ways.
@@ -206,7 +242,7 @@ class BodyFollower:
         """The fit of a body that was begun so, from here on."""
         self.body, self.covariance, self.foot, self.marks, self.skin = begun.body, begun.covariance, begun.foot, begun.marks, begun.skin
         self.end_offsets, self.tip_marked, self.pointed_px = begun.end_offsets, begun.tip_marked, begun.pointed_px / self.scale
-        self.first_tip = self.body.points[-1].copy()
+        self.told_tip = self.body.points[-1].copy()
         tube = self.scene.length_mm, self.px_per_mm
         self.first = First(self.body.length, self.body.half.copy(), lab.shape[:2], *tube, self.pointed.allowed)
         base = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
@@ -228,7 +264,10 @@ class BodyFollower:
     ) -> Fit:  # fmt: skip
         half = float(middle(predicted.half))
         evidence = Evidence(lab, self.wall, self.foot, self.first.half, None, lost=self.missed > 0)
-        evidence = replace(evidence, marks=marks_in(lab, self.marks, predicted, self.body if self.good else predicted, self.wall))
+        marks = marks_in(lab, self.marks, predicted, self.body if self.good and self.again is None else predicted, self.wall)
+        if self.again is not None:
+            marks.append(pointed_tip(scaled(self.again[-1], self.scale), self.pointed.stderr))
+        evidence = replace(evidence, marks=marks)
         if skin:
             evidence = replace(evidence, skin=self.skin, edge_offsets=self.edge_offsets, end_offsets=self.end_offsets)
         return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
@@ -264,18 +303,22 @@ class BodyFollower:
     def _accept(self, lab: Picture, fit: Fit) -> None:
         end = fit.end[np.isfinite(fit.end)]
         level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed.half)
-        self.unseen = self.end_offsets is not None and not level
+        told = level or self.again is not None  # how long it is: by its end, or by a person
+        self.unseen = self.end_offsets is not None and not told
         # Found again, it may lie off by a disc: until most rays see its end alike, it may as well be as long as when they last did.
-        self.lost = (self.lost or self.missed > 0) and not level
-        self.known_length = self.known_length if self.good and not level else fit.body.length
+        self.lost = (self.lost or self.missed > 0) and not told
+        self.known_length = self.known_length if self.good and not told else fit.body.length
         beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
+        if self.again is not None:
+            self.told_tip = fit.body.points[-1].copy()
+            slipped += 0.0 if level else self.pointed.stderr**2
         if self.good and self.end_offsets is None:
-            _, told = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
-            self.guessed += not told and not fit.material
-            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.first_tip))
-            grown = float(np.hypot(grown, 0.0 if told else LENGTH_SPREAD * fit.body.length))
-            slipped += 1.0 / (told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
+            _, alike = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
+            self.guessed += not alike and not fit.material
+            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
+            grown = float(np.hypot(grown, 0.0 if alike else LENGTH_SPREAD * fit.body.length))
+            slipped += 1.0 / (alike * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
         slipped += float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0  # rays, or what was carried, are off by that
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)

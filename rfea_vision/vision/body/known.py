@@ -7,6 +7,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
+from rfea_vision.vision.body.begin import POINTED_PX
 from rfea_vision.vision.body.fit import ALONG, NORMAL, SYSTEMATIC, WIDTH, Fit
 from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, TURNED, WIDTH_BASIS, SeenBody, middle
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
@@ -14,7 +15,6 @@ from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
-POINTED_PX = 1.0  # how well a person points at best, in px of the film
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 
 _TO_LINE = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS))

@@ -104,6 +104,12 @@ def place_on(pixel: FloatArray, body: SeenBody) -> tuple[float, float]:
     return (near + float(off @ tangents[near]) / step) / (STATIONS - 1), float(off @ normals[near]) / body.half[near]
 
 
+def pointed_tip(place: FloatArray, stderr: float) -> SeenMark:
+    """The body's end where a person points at it (2,) px, as a mark of the material; across it, its edges tell more."""
+    none = np.zeros(2)
+    return SeenMark(Mark(1.0, 0.0, none, none, 0.0, wide=True, spans=False), place, stderr)
+
+
 def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enlarged: float = 1.0) -> list[Mark]:
     """Marks of a first frame: a row of rungs, or else patches on the body, within its outline, of another colour than it has.
 

@@ -206,6 +206,9 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
 )
 
 
+LOOKS = _unlike, _nothing, _short, _edges, _beyond  # those of them that ask whether it looks like the body
+
+
 def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
     """Where something stands in front of a body in a picture; empty where nothing does.
 
@@ -227,11 +230,12 @@ def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
     return said and f"occluded: something of another colour is in front of it, {said}"
 
 
-def refused(first: First, fit: Fit, *, lost: bool = False) -> str:
+def refused(first: First, fit: Fit, *, lost: bool = False, vouched: bool = False) -> str:
     """The first rule that a fit breaks, with what was seen; empty where it is a measurement.
 
-    Of a body that was `lost` before, a line may come to end at the border without it: there the border is the last rule.
+    Of a body that was `lost` before, a line may come to end at the border without it: there the border is the last rule. Where a person
+    has `vouched` for it, it need not look like the body.
     """
     rules = (*RULES[1:], RULES[0]) if lost else RULES
-    found = ((reason, test(first, fit)) for reason, test in rules)
+    found = ((reason, test(first, fit)) for reason, test in rules if not (vouched and test in LOOKS))
     return next((f"{reason}: {seen}" for reason, seen in found if seen), "")

@@ -114,6 +114,8 @@ class Initialisation:
 
 
 #: A ribbon was found, and by the scale it is not as long as the tube.
+#: As which a reason names what was pointed at in a later frame.
+CORRECTIONS = "camera.corrections"
 OTHER_LENGTH = "no_tube: what has the tube's width is not of its length"
 
 
@@ -134,7 +136,7 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Buffers) -> Initialisa
         found = fit_path(picture, scene, work, path)
         if isinstance(found, str):
             reason = found
-        elif away := off_hints(line_of(found.state), scene, first=True):
+        elif away := off_hints(line_of(found.state.coefficients), scene, first=True):
             reason = away
         elif near is None and found.score < LEAST_SCORE:
             reason = OTHER_LENGTH
@@ -143,21 +145,25 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Buffers) -> Initialisa
     return best if best is not None else reason
 
 
-def off_hints(line_mm: FloatArray, scene: Scene, *, first: bool = False) -> str:
+def off_hints(line_mm: FloatArray, scene: Scene, *, first: bool = False, again: FloatArray | None = None) -> str:
     """Why a centre line (n, 2) mm on the plane, from clamp to tip, cannot be the tube that was pointed at.
 
     It begins elsewhere than at `camera.clamp`; in the first frame it also leaves the clamp askew, ends elsewhere than at
-    `camera.tip`, or passes beside `camera.centre_line`. What its own residuals say counts for nothing here.
+    `camera.tip`, or passes beside `camera.centre_line`; in one in which it was pointed at `again` it ends elsewhere than at the last
+    of these points (n, 2) px, or passes beside another. What its own residuals say counts for nothing here.
     """
     pointing = POINTING_PX / scene.px_per_mm
-    places = [] if scene.clamp_px is None else [("clamp", scene.clamp_px.mean(axis=0), line_mm[:1], HINT_CLAMP)]
+    places = [] if scene.clamp_px is None else [("camera.clamp", scene.clamp_px.mean(axis=0), line_mm[:1], HINT_CLAMP)]
     if first:
-        places += [] if scene.tip_px is None else [("tip", scene.tip_px, line_mm[-1:], HINT_ELSEWHERE)]
-        places += [("centre_line", np.array(point), line_mm, HINT_ELSEWHERE) for point in scene.hints.centre_line]
+        places += [] if scene.tip_px is None else [("camera.tip", scene.tip_px, line_mm[-1:], HINT_ELSEWHERE)]
+        places += [("camera.centre_line", np.array(point), line_mm, HINT_ELSEWHERE) for point in scene.hints.centre_line]
+    elif again is not None:
+        places += [(CORRECTIONS, again[-1], line_mm[-1:], HINT_ELSEWHERE)]
+        places += [(CORRECTIONS, point, line_mm, HINT_ELSEWHERE) for point in again[:-1]]
     for name, pixel, points, reach in places:
         off = beside(points, unproject(scene.camera, pixel))
         if off > np.hypot(reach * scene.half_mm, pointing):
-            return f"off_hints: what was found lies {off:.{digits_of(scene.length_mm) + 1}f} mm from camera.{name}"
+            return f"off_hints: what was found lies {off:.{digits_of(scene.length_mm) + 1}f} mm from {name}"
     return _askew(line_mm, scene) if first and scene.clamp_px is not None else ""
 
 
@@ -336,14 +342,14 @@ def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers
     return kept
 
 
-def line_of(state: State) -> FloatArray:
+def line_of(coefficients: FloatArray) -> FloatArray:
     """Points (400, 2) mm of the centre line, from clamp to tip."""
-    return points_on(state.coefficients, np.linspace(0, 1, 400))
+    return points_on(coefficients, np.linspace(0, 1, 400))
 
 
 def length_of(state: State) -> float:
     """Arc length of the centre line in mm."""
-    return float(along(line_of(state))[-1])
+    return float(along(line_of(state.coefficients))[-1])
 
 
 def scale_at(camera: FloatArray, pixel: FloatArray) -> float:

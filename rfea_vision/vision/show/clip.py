@@ -19,7 +19,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.files import whole_file
 from rfea_vision.lines import rig_axes
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.track import matched_to
+from rfea_vision.vision.scene import matched_to
 
 PLAYBACK_HZ = 30
 KEY_FRAME_EVERY = 6  # frequent key frames, so that a page can jump anywhere

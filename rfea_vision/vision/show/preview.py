@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.readers.video import FrameSource
+from rfea_vision.vision.scene import matched_to
 from rfea_vision.vision.show.clip import clip_step, in_frame, rig_to_plane, write_film
-from rfea_vision.vision.track import matched_to
 
 RED, GREY, INNER, OUTER = (220, 0, 60), (150, 150, 150), (255, 176, 0), (0, 176, 255)
 

@@ -10,6 +10,7 @@ const tools = {
   clamp: {label: "Clamp", count: 2, say: "First frame: click both edges of the first cross-section that is seen."},
   tip: {label: "Tip", count: 1, say: "First frame: click the middle of the tube's free end."},
   centre_line: {label: "Centre line", count: 5, say: "First frame: click five points along the middle of the tube, from the clamp to the free end."},
+  corrections: {label: "Point again", count: 5, later: true, say: "In a later frame, where the line is missing or wrong: click five points along the middle of the tube, from the clamp on, the last one at the free end."},
   region: {label: "Region", box: true, say: "Drag a box around wherever the tube goes."},
   exclude: {label: "Leave out", box: true, many: true, say: "Drag a box over a hose, a hand or a label that is not the tube."},
 };
@@ -75,7 +76,7 @@ async function openFilm() {
 
 // Whoever goes to a frame ends what plays by itself: a trial that runs through its pictures must not take them away again.
 let playing = 0;
-function goTo(frame) { playing++; return showFrame(frame); }
+function goTo(frame) { playing++; if (frame !== seen.frame) seen.points = []; return showFrame(frame); }
 
 // Pictures are asked for one at a time; of those that wait only the last counts.
 let busy = false;
@@ -133,6 +134,7 @@ export function paint() {
     (hints.centre_line ?? []).forEach(point => dot(point, "#56b4e9"));
     if (hints.tip) dot(hints.tip, "#dd9dc2");
   }
+  for (const {points} of (hints.corrections ?? []).filter(later => later.frame === seen.frame)) points.forEach((point, i) => dot(point, i + 1 < points.length ? "#56b4e9" : "#dd9dc2"));
   seen.points.forEach(point => dot(point, "#f0e442"));
   if (seen.drag) box(boxOf(seen.drag), "#f0e442");
   if (seen.cursor) { const [x, y] = at(seen.cursor); c.strokeStyle = "#fff"; c.lineWidth = 1; c.beginPath(); c.moveTo(x - 12, y); c.lineTo(x + 12, y); c.moveTo(x, y - 12); c.lineTo(x, y + 12); c.stroke(); }
@@ -167,15 +169,20 @@ function take(key) {
   seen.tool = key; seen.points = []; seen.cursor = null;
   for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
   one("#tool-say").textContent = tools[key].say;
-  if (key !== "look" && seen.film) goTo(0); // hints are pixels of the first frame
+  if (key !== "look" && !tools[key].later && seen.film) goTo(0); // hints are pixels of the first frame
   if (key !== "look") one("#frame").focus({preventScroll: true});
 }
 function point(at) {
-  seen.points.push(at);
   const tool = tools[seen.tool];
+  if (tool.later && seen.frame === 0) { one("#tool-say").textContent = "Go to a later frame first: in this one the clamp, the tip and the centre line are pointed at."; return; }
+  seen.points.push(at);
   if (seen.points.length < tool.count) { one("#tool-say").textContent = `${tool.say} ${seen.points.length} of ${tool.count}.`; return paint(); }
   const points = seen.points;
   seen.points = [];
+  if (tool.later) {
+    const others = (run().hints.corrections ?? []).filter(later => later.frame !== seen.frame);
+    return keep(seen.tool, [...others, {frame: seen.frame, points}].sort((one_, other) => one_.frame - other.frame));
+  }
   keep(seen.tool, tool.count === 1 ? points[0] : points);
 }
 function finishBox(box) {
@@ -196,7 +203,7 @@ async function keep(key, value) {
   await guarded(reloadAll);
 }
 function showHints() {
-  const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, centre_line: v => `${v.length} points`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
+  const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, centre_line: v => `${v.length} points`, corrections: v => `in ${v.length === 1 ? "frame" : "frames"} ${v.map(later => later.frame).join(", ")}`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
   const there = Object.keys(words).filter(key => hints[key] && (!Array.isArray(hints[key]) || hints[key].length));
   one("#hints").replaceChildren(...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
     ...(there.length ? [] : [h("li", {class: "muted"}, "Nothing: the tube is looked for in the whole picture.")]));
