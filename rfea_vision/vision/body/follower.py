@@ -87,7 +87,7 @@ class BodyFollower:
         self.enlarged, self.picture_scale = max(scale, 1.0), min(scale, 1.0)  # before it is looked at, and as it is read, over the film
         self.pointed = Pointed(*scene.pointed(scale), scene.length_mm * self.px_per_mm, scale, self.enlarged, scene.hints)
         clamp, line, half = scene.pointed(self.picture_scale)
-        self.seen_from = HeldView(clamp, line, half) if held else StillView(line, half)
+        self.seen_from = HeldView(clamp, line, half) if held else StillView(line, half, HeldView(clamp, line, half))
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None

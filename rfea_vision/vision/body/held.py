@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.begin import leaving
-from rfea_vision.vision.body.still import Level, sampled
+from rfea_vision.vision.body.levels import Level, sampled
 from rfea_vision.vision.body.wall import window_around
 
 AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
@@ -23,6 +23,8 @@ GOES, TURNS = 0.5, 0.1
 NOISE, SLOPE_NOISE = 2.0, 0.5  # grey levels, and such to a pixel of a blurred picture: slopes that noise makes are no information
 EDGE_PX = 0.15  # by how much a pixel of an edge may be off for how it was resampled and compressed
 ALIKE = 0.7  # correlation with the first picture, below which what holds the body is not seen
+# How well a wall says where it is and how it is turned, likewise chosen (px, rad); and standard errors off that.
+WALL_PX, WALL_TURN, SURELY = 0.5, 0.004, 3.0
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
 
 
@@ -74,6 +76,14 @@ class HeldView:
         """How far the clamp is from where the `view` (2, 3) of the wall has it, px, and by how much it is turned from there, rad."""
         turned = self._pose[2] - np.arctan2(view[1, 0], view[0, 0])
         return float(np.linalg.norm((self.moved - view) @ [*self._foot, 1.0])), abs(float(turned))
+
+    def elsewhere(self, view: FloatArray) -> bool:
+        """Whether it is surely not where the `view` (2, 3) of the wall has it."""
+        at = (self.moved - view) @ [*self._foot, 1.0]
+        turned = self._pose[2] - np.arctan2(view[1, 0], view[0, 0])
+        off = np.array([*at, turned])
+        known = self._covariance + np.diag([WALL_PX, WALL_PX, WALL_TURN]) ** 2
+        return bool(off @ np.linalg.solve(known, off) > SURELY**2)
 
     @property
     def stderr(self) -> FloatArray:

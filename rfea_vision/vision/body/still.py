@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import NORMAL
-
-Level = NDArray[np.float32]  # a picture (h, w) of grey levels, blurred
+from rfea_vision.vision.body.held import HeldView
+from rfea_vision.vision.body.levels import Level, sampled
 
 # A camera that moves is seen all over the picture; what moves before it is in one place, and may show most (an arm before a white
 # wall): of each of so many parts of the width and of the height as many of the steepest pixels count at most, if they are steep enough.
@@ -41,10 +41,12 @@ class StillView:
     ----------
     line : (n, 2) px in the pictures, from the clamp to the tip in the first frame
     half : px, half the width of the body
+    base : sees what holds the body, which stands on the wall: where the wall is said to have moved otherwise, it is other things that
+        have (a hose, a second body, all of an arm before a plain wall), and the view is that of the base
     """
 
-    def __init__(self, line: FloatArray, half: float) -> None:
-        self._line, self._half = line, half
+    def __init__(self, line: FloatArray, half: float, base: HeldView | None = None) -> None:
+        self._line, self._half, self._base = line, half, base
         self._first: list[FloatArray] | None = None  # what the first picture shows at its steepest pixels, at each blur
         self._pose = np.zeros(4)  # px, px, radians and share, about the middle of the picture in which it is seen
         self._drifts = False
@@ -55,8 +57,10 @@ class StillView:
         """See in a picture (h, w, 3) by how much the view has moved."""
         if self._first is None:
             self._begin(picture)
+            if self._base is not None:
+                self._base.look(picture)
         elif len(self._places) >= LEAST_PARTS * LEAST_EACH:
-            self._look(self._levels(picture))
+            self._look(picture, self._levels(picture))
 
     def _begin(self, picture: NDArray[np.uint8]) -> None:
         """Choose the pixels by which the wall is known again."""
@@ -87,7 +91,7 @@ class StillView:
         levelled = grey - cv2.boxFilter(grey, cv2.CV_32F, (LEVELLED_PX, LEVELLED_PX))
         return [np.asarray(cv2.GaussianBlur(levelled, (int(6.0 * blur) + 1,) * 2, blur), dtype=np.float32) for blur in BLURS]
 
-    def _look(self, levels: list[Level]) -> None:
+    def _look(self, picture: NDArray[np.uint8], levels: list[Level]) -> None:
         """Find the similarity by which most of the wall's parts are as they were: robust least squares, from coarse to fine."""
         assert self._first is not None
         pose, off, scatter = self._pose.copy(), np.empty(0), NOISE
@@ -112,14 +116,26 @@ class StillView:
         )
         moved, stays = int(np.sum(better > RATHER)), int(np.sum(better < -RATHER))
         self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
-        turn = _similarity(self._pose)
-        at = self._middle * 2**self._halved
-        map_ = np.column_stack([turn, self._pose[:2] * 2**self._halved + at - turn @ at])
+        if self._base is not None and (self._drifts or self._pose.any()):
+            self._base.look(picture)
+            if self._pose.any() and self._base.seen and self._base.elsewhere(self._map()):
+                self._pose = self._pose_of(self._base.moved)
+        map_ = self._map()
         frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
         farthest = float(np.abs(frame @ map_[:, :2].T + map_[:, 2] - frame).max())
         self._drifts |= moved >= LEAST_PARTS and farthest > LEAST_PX
         if self._drifts:
             self.moved = map_
+
+    def _map(self) -> FloatArray:
+        """From a place in the first picture to that in the last one (2, 3), by the pose."""
+        turn, at = _similarity(self._pose), self._middle * 2**self._halved
+        return np.column_stack([turn, self._pose[:2] * 2**self._halved + at - turn @ at])
+
+    def _pose_of(self, map_: FloatArray) -> FloatArray:
+        """The pose of such a map, which does not grow."""
+        at = self._middle * 2**self._halved
+        return np.array([*(map_ @ [*at, 1.0] - at) / 2**self._halved, np.arctan2(map_[1, 0], map_[0, 0]), 0.0])
 
 
 def _similarity(pose: FloatArray) -> FloatArray:
@@ -131,12 +147,6 @@ def _similarity(pose: FloatArray) -> FloatArray:
 def _cost(off: FloatArray) -> FloatArray:
     """Of differences in standard deviations: what lies far off is something else, and costs no more."""
     return off**2 / (1.0 + off**2 / 9.0)
-
-
-def sampled(picture: Level, places: FloatArray) -> FloatArray:
-    """Grey levels (n,) at places (n, 2) px."""
-    x, y = places.T.astype(np.float32)
-    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float).ravel()
 
 
 def at_scale(moved: FloatArray, scale: float) -> FloatArray:
