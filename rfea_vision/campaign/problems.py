@@ -115,6 +115,8 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
         case "too_short" | "too_long":
             number, limit = item["ctx"]["actual_length"], item["ctx"].get("min_length", item["ctx"].get("max_length"))
             return f"found {found!r}, which are {number}; there must be {limit} {'at least' if kind == 'too_short' else 'at most'}"
+        case "greater_than_equal":
+            return f"found {found}; must be at least {item['ctx']['ge']:g}"
         case "finite_number":
             return f"found {found}; a number is needed"
         case "value_error":

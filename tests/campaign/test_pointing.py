@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.artefacts import Actuator, Correction, Hints
 from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.pointing import Film, of_camera, of_guide, of_hints
 from rfea_vision.campaign.schema import ScalePart
@@ -30,6 +30,9 @@ def told(hints: Hints = HINTS, **scale: Any) -> tuple[list[tuple[str, str]], lis
     ("hints", "scale", "key", "says"),
     [
         ({"tip": (900.0, 90.0)}, {}, "camera.tip", "900, 90 lies outside the picture of 480 x 640 px"),
+        ({"corrections": (Correction(2, ((240.0, 700.0),)),)}, {}, "camera.corrections", "240, 700 lies outside the picture"),
+        ({"corrections": (Correction(4, ((240.0, 400.0),)),)}, {}, "camera.corrections", "frame 4 is not in the film, whose last is 3"),
+        ({"corrections": (Correction(1, ((9.0, 9.0),)),), "tip": None}, {}, "camera.corrections", "acts where camera.clamp"),
         ({"region": (1000.0, 10.0, 30.0, 30.0)}, {}, "camera.region", "lies outside"),
         ({}, {"points": [[20, 600], [900, 600]]}, "camera.scale.points", "900, 600 lies outside"),
         ({}, {"points": [[20, 600], [23, 600]]}, "camera.scale.points", "they are 3 px apart"),
@@ -75,6 +78,9 @@ def test_a_scale_by_which_the_tube_is_of_another_size_is_doubted(hints, scale, k
     [
         ("scale: {points: [[20, 20]], distance: 10 mm}", "camera.scale.points: found [[20, 20]], which are 1; there must be 2"),
         ("scale: {points: [[5, 5], [60, 5]], distance: 10}", "camera.scale.distance: 10 has no unit; write for example '10 cm'"),
+        ("corrections: [{frame: 0, points: [[5, 5]]}]", "camera.corrections.0.frame: found 0; must be at least 1"),
+        ("corrections: [{frame: 1, points: []}]", "camera.corrections.0.points: found []"),
+        ("corrections: [{frame: 2, points: [[5, 5]]}, {frame: 2, points: [[6, 5]]}]", "camera.corrections: frame 2 is there twice"),
         ("scale: tub", "camera.scale: found 'tub'; must be 'tube'"),
         ("tip: [.nan, 20]", "camera.tip.0: found nan; a number is needed"),
         ("clamp: [5, 5, 10, 5]", "camera.clamp: found [5, 5, 10, 5], which are 4; there must be 2 at most"),

@@ -9,6 +9,7 @@ from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
@@ -91,6 +92,30 @@ def test_a_hand_that_shakes_by_a_px_or_two_is_followed_and_a_ball_that_swings_is
         turned = bool((still.moved != np.eye(2, 3)).any())
         off.append(np.abs(still.moved[:, 2] + (still.moved[:, :2] - np.eye(2)) @ [60.0, 120.0] - [x, y]).max())
     assert turned == shaken and (not shaken or max(off) < 0.3)
+
+
+def test_a_hose_before_a_plain_wall_does_not_take_the_view_along():
+    """All that stands out of the wall is a hose that moves, and what holds the body: it rests, and so does the view."""
+    rng, clamp = np.random.default_rng(5), np.array([[52.0, 40.0], [68.0, 40.0]])
+    line, x = np.array([[60.0, 40.0], [60.0, 110.0]]), np.arange(330)
+
+    def picture(frame, view):
+        room = np.full((240, 320, 3), (150, 155, 160), np.uint8)
+        cv2.rectangle(room, (46, 2), (74, 40), (40, 40, 200), -1)
+        cv2.rectangle(room, (52, 12), (68, 18), (220, 220, 220), -1)
+        hose = np.column_stack([x, 170.0 + 30.0 * np.cos(0.015 * x) - 1.2 * frame - 0.004 * frame * x]).round().astype(np.int32)
+        cv2.polylines(room, [hose], False, (180, 60, 30), 9, cv2.LINE_AA)
+        room = cv2.warpAffine(room, view, (320, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.clip(cv2.GaussianBlur(room, (0, 0), 0.8) + rng.normal(0, 2, room.shape), 0, 255).astype(np.uint8)
+
+    for shaken in (0.0, 0.5):
+        alone, held = StillView(line, 8.0), StillView(line, 8.0, HeldView(clamp, line, 8.0))
+        for frame in range(16):
+            view = np.array([[1.0, 0.0, shaken * frame], [0.0, 1.0, -0.4 * shaken * frame]])
+            for still in (alone, held):
+                still.look(picture(frame, view))
+        away = [np.linalg.norm((still.moved - view) @ [60.0, 100.0, 1.0]) for still in (alone, held)]
+        assert away[0] > 6.0 and away[1] < 1.0, away
 
 
 def test_light_that_changes_does_not_move_a_ruled_wall():

@@ -173,6 +173,33 @@ def test_points_of_the_centre_line_are_clicked_and_taken_away(film, served, visi
     assert load_campaign(folder).experiments[0].camera.hints.centre_line == ()
 
 
+def test_the_tube_is_pointed_at_again_in_a_later_frame(film, served, visit):
+    """In the frame that is shown; in the first one it is told that others are meant. They are one film's, whatever is checked."""
+    folder, _ = film
+    page = visit(served.address + "#/setup")
+    page.click('[data-tool="corrections"]')
+    point(page, (250, 100))
+    page.wait_for_selector("#tool-say:has-text('Go to a later frame first')")
+    page.check("#for-all")
+    for frame, left in ((30, 250), (12, 240)):
+        page.fill("#frame-slider", str(frame))
+        page.click('[data-tool="corrections"]')
+        assert page.input_value("#frame-slider") == str(frame)
+        for number in range(5):
+            point(page, (left, 100 + 90 * number))
+            if number < 4:
+                page.wait_for_selector(f"#tool-say:has-text('{number + 1} of 5.')")
+        page.wait_for_selector("#tool-say:has-text('camera.corrections written')")
+    page.wait_for_selector("#hints :text('in frames 12, 30')")
+    corrections = load_campaign(folder).experiments[0].camera.hints.corrections
+    assert [later.frame for later in corrections] == [12, 30]
+    assert corrections[1].points[-1] == pytest.approx((250, 460), abs=2)
+    assert "corrections" not in (folder / "campaign.yaml").read_text()
+    page.click('[aria-label="Take Point again away"]')
+    page.wait_for_selector("#hints b:text('Point again')", state="detached")
+    assert load_campaign(folder).experiments[0].camera.hints.corrections == ()
+
+
 def test_a_box_that_is_drawn_before_the_last_one_is_written_stays_beside_it(film, served, visit):
     folder, _ = film
     page = visit(served.address + "#/setup")
