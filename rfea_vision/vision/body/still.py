@@ -118,7 +118,7 @@ class StillView:
         self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
         if self._base is not None and (self._drifts or self._pose.any()):
             self._base.look(picture)
-            if self._pose.any() and self._base.seen and self._base.elsewhere(self._map()):
+            if self._pose.any() and self._base.elsewhere(self._map()):
                 self._pose = self._pose_of(self._base.moved)
         map_ = self._map()
         frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
