@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,15 @@ WRONG = 0.02  # share of the frames compared that are sure and wrong, beyond whi
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one film gave: how its tip compares with what is known of it, and frames/s of processor time; or why it was refused."""
+    """What one film gave: how its tip compares with what is known of it, and frames/s of processor time; or why it was refused.
+
+    `off_px` (frames,) is how far the line's end lies off in the frames that are asked for, NaN where it was refused or is not known.
+    """
 
     scored: Score
     frames_per_s: float
     refused: str = ""
+    off_px: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
     def share(self) -> float:
@@ -65,7 +69,8 @@ def followed(
     rate = len(known) / (time.process_time() - began)
     asked = np.flatnonzero(np.ones(len(known), dtype=bool) if counts is None else counts)
     asked = asked[asked < len(ends.tip_px)]
-    return Outcome(score(ends.at(asked), known[asked], hand_px, half_width_px), rate, refused)
+    off_px = np.linalg.norm(ends.at(asked).tip_px - known[asked], axis=1)
+    return Outcome(score(ends.at(asked), known[asked], hand_px, half_width_px), rate, refused, off_px)
 
 
 def told(name: str, outcome: Outcome) -> str:

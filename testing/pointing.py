@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rfea_vision.artefacts import Actuator, Calibration, Hints
+from rfea_vision.artefacts import Actuator, Calibration, Correction, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from testing.drawn import Truth as DrawnTruth
 from testing.phone import Truth as PhoneTruth
 
 RULER_MM = 100.0
 CLAMP_PX, TIP_PX = 1.0, 1.5  # how well people point, 1 s.d.
+AGAIN_AT = 13, 26, 38, 51, 64  # of 65 stations: where they point again in a later frame
 
 
 class Pointed(NamedTuple):
@@ -34,3 +35,9 @@ def pointed_by_hand(truth: DrawnTruth | PhoneTruth, size: tuple[int, int], rng: 
     half_m = truth.half_width_px / truth.px_per_mm / 1e3
     tube = Actuator(outer_radius=half_m, inner_radius=half_m / 2, length=truth.length_mm / 1e3)
     return Pointed(calibration, tube, Hints(clamp=(tuple(one), tuple(other)), tip=tuple(tip)))
+
+
+def pointed_again(truth: DrawnTruth, frame: int, rng: np.random.Generator) -> Correction:
+    """Five points along the body where a later frame shows it, the last one at its tip, as well as people point at that."""
+    places = truth.centre_px[frame][list(AGAIN_AT)] + rng.normal(0.0, TIP_PX, (len(AGAIN_AT), 2))
+    return Correction(frame, tuple((float(x), float(y)) for x, y in places))

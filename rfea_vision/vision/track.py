@@ -134,8 +134,9 @@ def _followed(
         if seen.share < READ and base_moved(source, scene, seen.reasons):
             held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
             body, seen = max((body, seen), held, key=lambda way: way[1].good)
+        given_up = too_few(len(rows), rows.good, rows.copies)
         # Where the body reads nothing, nothing is where it was pointed at.
-        if seen.good == 0 or astray or rows.share < max(EDGES_ALONE, seen.share):
+        if seen.good == 0 or astray or given_up or rows.share < max(EDGES_ALONE, seen.share):
             follower, rows = body, seen
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
