@@ -36,12 +36,17 @@ RUNG_REACH = 3.0  # but flow may slip by a disc of an arm
 # Between two marks, 1 s.d., chosen: rad by which a predicted line may be turned, share by which it may stretch from frame to frame; and
 # standard deviations that a mark which is not seen costs. In a row of discs the next one is off by all of their distance.
 TURNED, STRETCHED, UNSEEN = 0.2, 0.1, 3.0
-FAR = 1e-4  # px^-2: of patches that may be a mark without neighbours the nearest is
+# px^-2: of patches that may be a mark without neighbours the nearest is. And how much their distance from the next one tells of that
+# of neighbours, chosen: a body may bend between.
+FAR, FARTHER = 1e-4, 0.1
 NEIGHBOURING = 4.0  # half widths, chosen: marks no farther from one another tell where all between them is
 ENDING = 1.5  # half widths, chosen: from a mark no farther from the end on the line is straight
 # A row of rungs, chosen: how many at least, over how much of the length, and by how much of it distances may differ.
 LEAST_RUNGS, ROW_LENGTH, EVENLY = 5, 0.6, 0.3
 SPANS = 1.4, 3.0  # half widths: how long a patch is that goes from edge to edge
+# Half widths: nearer to one another are the windings of a thread, of which no prediction tells one from the next (0.64 in one drawn
+# film; discs and bands of 34 others 0.90 and more, all seen).
+MARKS_APART = 0.75
 SAME = 0.5  # of a mark's radius: patches nearer than that are one mark
 MARK_SHARE = 0.1  # of its radius, standard error of a mark's middle beside that of an edge: glare and folds take so much
 HINTED = 30.0  # of a or b in 8 bits: a mark's colour from the one that is named
@@ -134,10 +139,16 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
     least = max(named, np.pi * (LEAST_RADIUS * float(middle(body.half))) ** 2)
     # The discs of an arm are as frequent as what is between them: no scatter tells them.
     if rungs := row_of(_patches_on(picture, body, own, inside, off > MARKED, least)):
-        return rungs
+        return [] if _are_windings(rungs, body) else rungs
     clear = np.linalg.norm(seen - own, axis=-1) > STANDS_OUT * np.linalg.norm(scatter(seen))
     marks = _patches_on(picture, body, own, inside, clear & (off > MARKED), least)
-    return marks if len(marks) <= MOST else []
+    return marks if len(marks) <= MOST and not _are_windings(marks, body) else []
+
+
+def _are_windings(marks: Sequence[Mark], body: SeenBody) -> bool:
+    """Whether marks lie so near to their neighbours that no prediction tells one from the next."""
+    apart = np.diff(sorted(mark.share for mark in marks)) * body.length
+    return len(marks) >= LEAST_RUNGS and bool(np.median(apart) < MARKS_APART * float(middle(body.half)))
 
 
 def row_of(marks: Sequence[Mark]) -> list[Mark]:
@@ -219,7 +230,7 @@ def _row(numbers: NDArray[np.int64], places: FloatArray, expected: FloatArray, k
         turned = np.angle((way[:, 0] + 1j * way[:, 1]) * (foretold[:, 0] - 1j * foretold[:, 1]))
         off = (np.linalg.norm(way, axis=1) - apart) / np.hypot(EDGE_PX, STRETCHED * apart)
         near = lengths[k] - lengths[earlier] < NEIGHBOURING
-        costs = np.where(near, off**2 + (turned / TURNED) ** 2, FAR * np.sum((places[k] - expected[k]) ** 2))
+        costs = np.where(near, off**2 + (turned / TURNED) ** 2, FARTHER * off**2 + FAR * np.sum((places[k] - expected[k]) ** 2))
         costs += best[earlier] + UNSEEN**2 * (numbers[k] - numbers[earlier] - 1)
         best[k], before[k] = costs.min(), earlier[int(np.argmin(costs))]
     last, row = int(np.argmin(best + UNSEEN**2 * (numbers.max() - numbers))), list[int]()
