@@ -147,9 +147,8 @@ def _read_until(reasons: list[str]) -> str:
     if not BEGUN <= count < len(reasons):
         return ""
     return (
-        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what changes in "
-        f"frame {count} ({reasons[count]}) and point at the tube again where it is seen, from the clamp to the tip: "
-        f"camera.corrections: [{{frame: {count}, points: [[x, y], ...]}}]"
+        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what "
+        f"changes in frame {count} ({reasons[count]}) and {_point_again(count)}"
     )
 
 
@@ -356,14 +355,19 @@ def _untried(scene: Scene, reasons: list[str]) -> str:
         lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
         hints = f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
         return _scale_first(reasons) + hints
+    if first := _first_lost(reasons):  # nothing says that the hints are wrong: they were enough for the frames before
+        return f"see what changes in frame {first}, the first that was refused ({reasons[first]}), and {_point_again(first)}"
     if len(scene.hints.centre_line) < 2:
         return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
-    if first := _first_lost(reasons):  # nothing says that the hints are wrong: they were enough for the frames before
-        return f"see what changes in frame {first}, the first that was refused ({reasons[first]}), and check the hints against frame 0"
     return (
         "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "
         "or film it before a wall of another colour"
     )
+
+
+def _point_again(frame: int) -> str:
+    example = f"camera.corrections: [{{frame: {frame}, points: [[x, y], ...]}}]"
+    return f"point at the tube again where it is seen, from the clamp to the tip: {example}"
 
 
 def _pixel(point: FloatArray) -> tuple[float, float]:

@@ -132,6 +132,33 @@ def test_a_disc_is_not_taken_for_the_next_one(slipped):
     assert max(np.linalg.norm(seen.place - place_of(seen.mark, follower.body)) for seen in found) < 2.0
 
 
+@pytest.mark.parametrize("hidden", [(0, 1, 2), (3, 4, 5), (1, 2, 3, 7)])
+def test_a_disc_beyond_hidden_ones_is_the_one_that_it_is(hidden):
+    """Its distance from the next one that is seen tells, though that is farther than neighbours are."""
+    follower = begun(picture := drawn(line := middle_of(0.4), **FEW), line)
+    for number in hidden:
+        x, y = np.round(at(line, np.array([23.0 * (number + 1)]))[0]).astype(int).tolist()
+        cv2.circle(picture, (x, y), 14, (150, 165, 160), -1)
+    turned = replace(follower.body, points=middle_of(0.46))
+    lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB))
+    found = marks_in(lab, follower.marks, turned, follower.body, follower.wall)
+    assert len(found) == 9 - len(hidden)
+    assert max(np.linalg.norm(seen.place - place_of(seen.mark, follower.body)) for seen in found) < 2.0
+
+
+def test_windings_of_a_thread_are_no_marks():
+    """Nearer to one another than three quarters of a half width none is told from the next, nor where some of them are not seen."""
+    for pitch, count in ((7.0, 0), (15.0, 13)):
+        body = begun(picture := drawn(line := middle_of(0.2), plain=True, pitch=pitch, colour=(50, 60, 200)), line).body
+        lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB))
+        assert len(find_marks(lab, body, None)) == count
+        for far in (52.0, 150.0):
+            x, y = np.round(at(line, np.array([far]))[0]).astype(int).tolist()
+            cv2.circle(picture, (x, y), 16, (30, 30, 30), -1)
+        found = find_marks(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)), body, None)
+        assert bool(found) == bool(count)
+
+
 def test_things_in_a_row_behind_a_body_are_no_discs():
     """Unevenly apart, of different sizes, or not from edge to edge."""
     body = begun(picture := drawn(line := middle_of(0.2), plain=True), line).body

@@ -104,13 +104,16 @@ def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(m
     lost = ["no_fit: folded"] * 20
     said = advice.next_hint(NO_FILM, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
     assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")
-    assert said.endswith("frame 21 (no_fit: folded)")
+    again = "and point at the tube again where it is seen, from the clamp to the tip: "
+    again += "camera.corrections: [{frame: 21, points: [[x, y], ...]}]"
+    assert said.endswith(f"frame 21 (no_fit: folded) {again}")
     assert advice.next_hint(NO_FILM, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
     assert advice.next_hint(NO_FILM, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
     said = advice.next_hint(NO_FILM, scene, [""] * 5 + lost)
     forbidden = ["off_hints: 20 % of it lies where camera.region or camera.exclude forbid it"] * 3 + lost
     assert advice.next_hint(NO_FILM, scene, [""] * 5 + forbidden).endswith("make the region larger, or the boxes smaller")
-    assert said == "see what changes in frame 5, the first that was refused (no_fit: folded), and check the hints against frame 0"
+    assert said.startswith("see what changes in frame 5, the first that was refused (no_fit: folded), and point at the tube again")
+    assert said.endswith("[{frame: 5, points: [[x, y], ...]}]")
     assert advice.next_hint(NO_FILM, scene, lost).startswith("check the hints")
 
 
