@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._films import Outcome, followed, told
+from benchmarks._films import Outcome, followed, rows_of, told
 from rfea_vision.readers.video import open_video
 from testing.drawn import draw, film, summary
 from testing.pointing import pointed_again, pointed_by_hand
 
 WORKERS = 2
 CORRECTIONS = 3
+AGAINST = "a hand of its own, H.264; clamp, tip and a ruler pointed at, and five points in each of some later frames"
 SEEN_OFF = 0.5, 3.0  # half widths, and px: what a person sees who looks at the line over its film
 
 
@@ -60,13 +61,11 @@ def run() -> list[dict[str, Any]]:
                 gave = [told(f"  {count} corrections", found) for count, found in enumerate(outcomes)]
                 sys.stderr.write("\n".join([what, *gave]) + "\n")
             films.append(outcomes)
-    rows = []
-    for count in range(CORRECTIONS + 1):
-        after = [outcomes[min(count, len(outcomes) - 1)] for outcomes in films]
-        name = f"drawn films, seeds {first} to {last or first} ({len(films)}), {count} corrections at most"
-        rows += [
-            {"name": f"{name}: 95 % of the frames", "value": sum(found.share >= 0.95 for found in after), "unit": "films"},
-            {"name": f"{name}: 95 % of the frames and 2 % error", "value": sum(found.well for found in after), "unit": "films"},
-            {"name": f"{name}: refused", "value": sum(bool(found.refused) for found in after), "unit": "films"},
-        ]
-    return rows
+    name = f"drawn films, seeds {first} to {last or first}"
+    return [
+        row
+        for count in range(CORRECTIONS + 1)
+        for row in rows_of(
+            f"{name}, {count} corrections at most", [outcomes[min(count, len(outcomes) - 1)] for outcomes in films], AGAINST
+        )
+    ]
