@@ -59,8 +59,38 @@ class StillView:
             self._begin(picture)
             if self._base is not None:
                 self._base.look(picture)
-        elif len(self._places) >= LEAST_PARTS * LEAST_EACH:
-            self._look(picture, self._levels(picture))
+            return
+        parts = len(np.unique(self._part))
+        if parts >= LEAST_PARTS:
+            claimed = self._by_wall(picture)
+        else:
+            claimed = self._base is not None and self._by_base(picture, self._base)
+        self._drifts |= claimed and self._farthest() > LEAST_PX
+        if self._drifts:
+            self.moved = self._map()
+
+    def _by_wall(self, picture: NDArray[np.uint8]) -> bool:
+        """Take the pose in which most of the wall's parts are as they were, if the base is there; whether enough of them claim one."""
+        levels = self._levels(picture)
+        pose = self._aligned(levels)
+        moved, stays = self._parts_for(levels, pose)
+        self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
+        claimed = moved >= LEAST_PARTS and self._farthest() > LEAST_PX
+        if self._base is not None and (self._drifts or claimed):
+            self._base.look(picture)
+            if self._base.elsewhere(self._map()):
+                self._pose = self._pose_of(self._base.moved)
+        return claimed
+
+    def _by_base(self, picture: NDArray[np.uint8], base: HeldView) -> bool:
+        """Take the pose of a base that has surely moved, where the wall shows next to nothing, and that does not speak against it."""
+        base.look(picture)
+        self._pose = np.zeros(4)
+        if base.elsewhere(np.eye(2, 3)):
+            pose = self._pose_of(base.moved)
+            moved, stays = self._parts_for(self._levels(picture), pose)
+            self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
+        return bool(self._pose.any())
 
     def _begin(self, picture: NDArray[np.uint8]) -> None:
         """Choose the pixels by which the wall is known again."""
@@ -91,18 +121,17 @@ class StillView:
         levelled = grey - cv2.boxFilter(grey, cv2.CV_32F, (LEVELLED_PX, LEVELLED_PX))
         return [np.asarray(cv2.GaussianBlur(levelled, (int(6.0 * blur) + 1,) * 2, blur), dtype=np.float32) for blur in BLURS]
 
-    def _look(self, picture: NDArray[np.uint8], levels: list[Level]) -> None:
-        """Find the similarity by which most of the wall's parts are as they were: robust least squares, from coarse to fine."""
+    def _aligned(self, levels: list[Level]) -> FloatArray:
+        """The similarity by which most of the wall's pixels are as they were: robust least squares, from coarse to fine."""
         assert self._first is not None
-        pose, off, scatter = self._pose.copy(), np.empty(0), NOISE
-        prior = np.diag(FRAME_ADDS**-2.0)
+        pose, prior = self._pose.copy(), np.diag(FRAME_ADDS**-2.0)
         for level, first in zip(levels, self._first, strict=True):
             for _ in range(STEPS):
                 turned = self._places @ _similarity(pose).T
                 places = turned + self._middle + pose[:2]
                 x, y = (0.5 * (sampled(level, places + way) - sampled(level, places - way)) for way in np.eye(2))
                 off = first - sampled(level, places)
-                scatter = max(NOISE, float(np.median(np.abs(off))) / NORMAL)
+                scatter = _scatter(off)
                 weight = 1.0 / (1.0 + off**2 / (4.0 * scatter**2)) ** 2 / (scatter * TOGETHER) ** 2
                 rows = np.column_stack([x, y, y * turned[:, 0] - x * turned[:, 1], x * turned[:, 0] + y * turned[:, 1]])
                 pull = rows.T @ (weight * off) + prior @ (self._pose - pose)
@@ -110,22 +139,23 @@ class StillView:
                 pose = pose + step
                 if np.abs(step[:2]).max() < 0.02:
                     break
-        stayed = self._first[-1] - sampled(levels[-1], self._places + self._middle)
-        better = np.bincount(self._part, _cost(stayed / scatter) - _cost(off / scatter), PARTS**2) / np.maximum(
-            np.bincount(self._part, minlength=PARTS**2), 1
-        )
-        moved, stays = int(np.sum(better > RATHER)), int(np.sum(better < -RATHER))
-        self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
-        if self._base is not None and (self._drifts or self._pose.any()):
-            self._base.look(picture)
-            if self._pose.any() and self._base.elsewhere(self._map()):
-                self._pose = self._pose_of(self._base.moved)
-        map_ = self._map()
-        frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
-        farthest = float(np.abs(frame @ map_[:, :2].T + map_[:, 2] - frame).max())
-        self._drifts |= moved >= LEAST_PARTS and farthest > LEAST_PX
-        if self._drifts:
-            self.moved = map_
+        return pose
+
+    def _parts_for(self, levels: list[Level], pose: FloatArray) -> tuple[int, int]:
+        """How many of the wall's parts would rather have the view moved by a pose, and how many rather not."""
+        if not self._first:
+            return 0, 0
+        places = [self._places @ _similarity(to).T + self._middle + to[:2] for to in (np.zeros(4), pose)]
+        stayed, off = (self._first[-1] - sampled(levels[-1], there) for there in places)
+        scatter = _scatter(off)
+        pixels = np.maximum(np.bincount(self._part, minlength=PARTS**2), 1)
+        better = np.bincount(self._part, _cost(stayed / scatter) - _cost(off / scatter), PARTS**2) / pixels
+        return int(np.sum(better > RATHER)), int(np.sum(better < -RATHER))
+
+    def _farthest(self) -> float:
+        """By how many pixels the view has moved where it has most."""
+        map_, frame = self._map(), np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * self._size
+        return float(np.abs(frame @ map_[:, :2].T + map_[:, 2] - frame).max())
 
     def _map(self) -> FloatArray:
         """From a place in the first picture to that in the last one (2, 3), by the pose."""
@@ -142,6 +172,11 @@ def _similarity(pose: FloatArray) -> FloatArray:
     """The matrix (2, 2) of a turn and a growth."""
     c, s = (1.0 + pose[3]) * np.cos(pose[2]), (1.0 + pose[3]) * np.sin(pose[2])
     return np.array([[c, -s], [s, c]])
+
+
+def _scatter(off: FloatArray) -> float:
+    """Standard deviation of grey levels that differ by `off`, but for what lies far off."""
+    return max(NOISE, float(np.median(np.abs(off))) / NORMAL)
 
 
 def _cost(off: FloatArray) -> FloatArray:
