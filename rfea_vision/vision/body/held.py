@@ -26,6 +26,7 @@ EDGE_PX = 0.15  # by how much a pixel of an edge may be off for how it was resam
 # before one it was 0.73 at most, where a real one (of an arm of discs) told the view rightly 0.86 and more (both seen).
 ALIKE, WELL_ALIKE = 0.7, 0.85
 # How well a wall says where it is and how it is turned, likewise chosen (px, rad); and standard errors off that.
+RESTS_TURN = 0.01  # rad, chosen: a base whose turn is known no better does not say that it rests
 WALL_PX, WALL_TURN, SURELY = 0.5, 0.004, 3.0
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
 
@@ -86,6 +87,11 @@ class HeldView:
         off = np.array([*at, turned])
         known = self._covariance + np.diag([WALL_PX, WALL_PX, WALL_TURN]) ** 2
         return self._alike > WELL_ALIKE and bool(off @ np.linalg.solve(known, off) > SURELY**2)
+
+    def rests(self) -> bool:
+        """Whether it is surely where it was."""
+        known = bool(np.all(self.stderr < (WALL_PX, WALL_PX, RESTS_TURN)))
+        return self._alike > WELL_ALIKE and known and bool(self._pose @ np.linalg.solve(self._covariance, self._pose) < SURELY**2)
 
     @property
     def stderr(self) -> FloatArray:
