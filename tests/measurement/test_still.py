@@ -118,6 +118,39 @@ def test_a_hose_before_a_plain_wall_does_not_take_the_view_along():
         assert away[0] > 6.0 and away[1] < 1.0, away
 
 
+def base_alone(view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A holder with a label before a wall that shows nothing."""
+    room = np.full((480, 640, 3), (150, 155, 160), np.uint8)
+    cv2.rectangle(room, (266, 142), (294, 180), (40, 40, 200), -1)
+    cv2.rectangle(room, (272, 152), (288, 158), (220, 220, 220), -1)
+    room = cv2.warpAffine(room, view, (640, 480), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.clip(cv2.GaussianBlur(room, (0, 0), 0.8) + rng.normal(0, 2, room.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("shaken", [0.0, 1.0])
+def test_before_a_wall_that_shows_nothing_the_base_tells(shaken):
+    rng, line, clamp = np.random.default_rng(6), np.array([[280.0, 180.0], [280.0, 260.0]]), np.array([[272.0, 180.0], [288.0, 180.0]])
+    alone, held = StillView(line, 8.0), StillView(line, 8.0, HeldView(clamp, line, 8.0))
+    for frame in range(14):
+        view = np.array([[1.0, 0.0, shaken * 4.0 * np.sin(0.5 * frame)], [0.0, 1.0, -shaken * 3.0 * np.sin(0.3 * frame)]])
+        for still in (alone, held):
+            still.look(base_alone(view, rng))
+        assert (alone.moved == np.eye(2, 3)).all()
+        assert np.linalg.norm((held.moved - view) @ [280.0, 260.0, 1.0]) < (1.0 if shaken else 0.01)
+
+
+def test_a_lens_that_focuses_is_followed_about_a_base_that_rests():
+    """The view grows about the very place at which the body is held."""
+    first, line, clamp = wall(60), np.array([[100.0, 120.0], [100.0, 200.0]]), np.array([[92.0, 120.0], [108.0, 120.0]])
+    still, rng = StillView(line, 8.0, HeldView(clamp, line, 8.0)), np.random.default_rng(0)
+    still.look(first)
+    for step in range(1, 6):
+        view = drifting(0.0, 0.0, 0.03, (200, 240), step / 5)
+        seen = cv2.warpAffine(first, view, (200, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        still.look(np.clip(seen + rng.normal(0, 3, seen.shape), 0, 255).astype(np.uint8))
+    np.testing.assert_allclose(still.moved, view, atol=0.3)
+
+
 def test_light_that_changes_does_not_move_a_ruled_wall():
     ruled = np.full((240, 320), 185.0)
     ruled[::12] -= 14.0

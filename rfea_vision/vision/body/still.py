@@ -78,10 +78,10 @@ class StillView:
         claimed = moved >= LEAST_PARTS and self._farthest() > LEAST_PX
         if self._base is not None and (self._drifts or claimed):
             self._base.look(picture)
-            if self._base.rests():
-                self._pose = np.zeros(4)
-            elif self._base.elsewhere(self._map()):
+            if self._base.elsewhere(self._map()):
                 self._pose = self._pose_of(self._base.moved)
+            elif self._base.rests():
+                self._pose = np.zeros(4)
         return claimed
 
     def _by_base(self, picture: NDArray[np.uint8], base: HeldView) -> bool:
