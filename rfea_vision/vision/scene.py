@@ -65,6 +65,8 @@ def make_scene(
         hint = np.asarray(() if places is None else places, dtype=float).reshape(-1, 2)
         if np.any(hint < 0) or np.any(hint > np.array(size)):
             raise InputError(f"camera.{name}: {hint.tolist()} lies outside the picture of {size[0]} x {size[1]} px")
+    if hints.corrections and (hints.clamp is None or hints.tip is None):
+        raise InputError("camera.corrections: acts where camera.clamp and camera.tip are given, too; give both, in pixels of frame 0")
     middle = np.array([size[0] / 2, size[1] / 2])
     px_per_mm = scale_at(camera, middle)
     if not np.isfinite(px_per_mm):

@@ -97,6 +97,9 @@ def track_frames(
     """
     calibration = matched_to(calibration, source)
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
+    last = _frame_count(source) - 1 if scene.hints.corrections else 0
+    if late := [later.frame for later in scene.hints.corrections if later.frame > last]:
+        raise InputError(f"{source.path}: camera.corrections: frame {late[0]} is not in the film, whose last is {last}; correct it")
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
     follower, rows = _followed(source, scene, lamp, nodes, segments, progress)

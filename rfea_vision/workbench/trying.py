@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.calibration.projection import camera_vector, project
+from rfea_vision.campaign import ExperimentSpec
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource, Luma
@@ -46,6 +47,14 @@ class FirstFrames(FrameSource):
         yield from itertools.islice(self.whole.colours(scale), self.count)
 
 
+def _corrected_before(experiment: ExperimentSpec, count: int) -> ExperimentSpec:
+    """The experiment with those of its corrections that are among the first `count` frames."""
+    assert experiment.camera is not None
+    hints = experiment.camera.hints
+    kept = tuple(later for later in hints.corrections if later.frame < count)
+    return replace(experiment, camera=replace(experiment.camera, hints=replace(hints, corrections=kept)))
+
+
 def try_hints(
     campaign: Path, out: str | None, say: Callable[[dict[str, Any]], None], *, name: str, seconds: float
 ) -> dict[str, Any]:
@@ -74,7 +83,7 @@ def try_hints(
         facts = source.path, source.size, count, source.rate_Hz
         piece = FirstFrames(*facts, quarter_turns=source.quarter_turns, whole=source, count=count)
         try:
-            track = follow(experiment, calibration, piece)
+            track = follow(_corrected_before(experiment, count), calibration, piece)
         except DataError as error:
             failure = str(error)
         else:

@@ -6,6 +6,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator, Correction, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.errors import InputError
 from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
@@ -82,6 +83,16 @@ def test_points_where_nothing_like_it_is_are_refused():
     beside = Correction(TWIN, ((200.0, 60.0), (230.0, 20.0)))
     _, reasons, _ = follow(Hints(clamp=HINTS.clamp, tip=HINTS.tip, corrections=(beside,)), [picture_of(0.0)] * 8)
     assert [k for k, reason in enumerate(reasons) if reason] == [TWIN]
+
+
+def test_corrections_that_cannot_act_are_told(tmp_path):
+    cv2.imwrite(str(tmp_path / "0.png"), picture_of(0.0))
+    source = open_frames(tmp_path, None, 30.0)
+    late = Hints(clamp=HINTS.clamp, tip=HINTS.tip, corrections=(pointed_again(3, 0.0),))
+    alone = Hints(corrections=late.corrections)
+    for hints, says in ((late, "frame 3 is not in the film, whose last is 0"), (alone, "camera.clamp and camera.tip")):
+        with pytest.raises(InputError, match=says):
+            track_frames(source, CALIBRATION, TUBE, hints=hints, vertical="image")
 
 
 def test_edges_that_lie_elsewhere_are_left_for_the_body(tmp_path):
