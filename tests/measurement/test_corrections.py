@@ -77,6 +77,8 @@ def test_whoever_points_vouches_for_what_is_hidden():
     assert [k for k, reason in enumerate(reasons) if not reason] == [0, 1, 2, 3, 6]
     assert np.linalg.norm(tips[6] - middle_line(0.3)[-1]) < 3.0
     assert follower.astray == []  # it had been refused, not read
+    first_hidden = Hints(clamp=HINTS.clamp, tip=HINTS.tip, corrections=(pointed_again(4, 0.9),))
+    assert follow(first_hidden, frames)[0].astray == [], "what would have been refused is no line that has gone astray"
 
 
 def test_points_where_nothing_like_it_is_are_refused():

@@ -52,7 +52,7 @@ from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import CORRECTIONS, FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
@@ -116,7 +116,7 @@ class BodyFollower:
         if not self.seen_from.seen:
             self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
             return self.refusal
-        self.again = self._pointed_again()
+        self.again, again = None, self._pointed_again()
         shown = Shown(picture, self.enlarged, self.seen_from.moved)
         if self.good == 0:
             self.wall = Wall(shown.shape, still=not self.held)
@@ -128,8 +128,8 @@ class BodyFollower:
             fits = [self._judged(lab, self._fit(lab, *self._predicted(lab), 0.8 if self.missed == 0 else 1.5))]
             if guided is not None:
                 fits.append(self._judged(lab, self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8)))
-            if self.again is not None:
-                fits = self._corrected(lab, self.again, fits)
+            if again is not None:
+                fits = self._corrected(lab, again, fits)
         fit = max(fits, key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed.half
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
@@ -158,7 +158,7 @@ class BodyFollower:
 
     def looked_at(self, *lines: FloatArray) -> tuple[FloatArray, float]:
         """Places (n, 2) px, and how far around them a picture is looked at: where the body was, and on such lines; or all of it."""
-        if self.good == 0 or self.guide is not None or self.again is not None:
+        if self.good == 0 or self.guide is not None or self.frame in self.corrections:
             return EVERYWHERE
         return np.vstack([self.body.points, *lines]), LOOKED_AT[self.missed > 0] * float(middle(self.body.half))
 
@@ -199,18 +199,21 @@ class BodyFollower:
 
     def _corrected(self, lab: Picture, again: FloatArray, carried: list[Fit]) -> list[Fit]:
         """Fits along the lines that points (n, 2) px of the film's first picture allow; where none holds, those that were `carried`."""
-        line = np.vstack([self.pointed.line[:1], scaled(again, self.scale)])
-        pointed, none = replace(self.pointed, line=line, length=self.known_length), np.zeros((UNKNOWNS, UNKNOWNS))
+        self.again, clicks = again, np.vstack([self.pointed.line[:1], scaled(again, self.scale)])
+        pointed = replace(self.pointed, line=clicks, length=self.known_length)
+        known, none = pointed.covariance, np.zeros((UNKNOWNS, UNKNOWNS))
+        known[NORMAL, NORMAL] *= (0.5 * pointed.near / pointed.half if pointed.drawn else 1.0) ** 2
+        known[ALONG, ALONG] += pointed.stderr**2 * UNIFORMLY
         found = []
         for line in hinted_lines(lab, pointed):
             outline, _ = self._outlined(lab, line)
             outline.points = held_near(outline.points, line, pointed.near, drawn=pointed.drawn)
-            known = pointed.covariance
-            known[NORMAL, NORMAL] *= (0.5 * pointed.near / pointed.half if pointed.drawn else 1.0) ** 2
-            known[ALONG, ALONG] += pointed.stderr**2 * UNIFORMLY
             found.append(self._judged(lab, self._fit(lab, outline, none, 0.8, covariance=known)))
-        if self.missed == 0 and CORRECTIONS in carried[0].reason:
+        off = [off_hints(unproject(self.camera, fit.body.points), self.scene, again=again) for fit in carried]
+        if off[0] and not carried[0].reason:
             self.astray.append(self.frame)
+        for fit, elsewhere in zip(carried, off, strict=True):
+            fit.reason = fit.reason or elsewhere
         return [fit for fit in found if not fit.reason] or carried
 
     def _first_fit(self, lab: Picture) -> Fit:

@@ -25,9 +25,9 @@ EDGE_PX = 0.15  # by how much a pixel of an edge may be off for how it was resam
 # Correlation with the first picture, below which what holds the body is not seen, and above which it surely is: where a hand passed
 # before one it was 0.73 at most, where a real one (of an arm of discs) told the view rightly 0.86 and more (both seen).
 ALIKE, WELL_ALIKE = 0.7, 0.85
-# How well a wall says where it is and how it is turned, likewise chosen (px, rad); and standard errors off that.
-RESTS_TURN = 0.01  # rad, chosen: a base whose turn is known no better does not say that it rests
-WALL_PX, WALL_TURN, SURELY = 0.5, 0.004, 3.0
+# How well a wall says where it is and how it is turned, px and rad; how well a base that rests is to know that of itself; and
+# standard errors off these: all chosen, the second by how far views of drawn films (seen) were wrong with 0.002, 0.007 and 0.014.
+WALL_PX, WALL_TURN, RESTS_PX, RESTS_TURN, SURELY = 0.5, 0.004, 0.5, 0.01, 3.0
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
 
 
@@ -90,7 +90,7 @@ class HeldView:
 
     def rests(self) -> bool:
         """Whether it is surely where it was."""
-        known = bool(np.all(self.stderr < (WALL_PX, WALL_PX, RESTS_TURN)))
+        known = bool(np.all(self.stderr < (RESTS_PX, RESTS_PX, RESTS_TURN)))
         return self._alike > WELL_ALIKE and known and bool(self._pose @ np.linalg.solve(self._covariance, self._pose) < SURELY**2)
 
     @property

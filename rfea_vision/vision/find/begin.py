@@ -114,8 +114,6 @@ class Initialisation:
 
 
 #: A ribbon was found, and by the scale it is not as long as the tube.
-#: As which a reason names what was pointed at in a later frame.
-CORRECTIONS = "camera.corrections"
 OTHER_LENGTH = "no_tube: what has the tube's width is not of its length"
 
 
@@ -158,8 +156,8 @@ def off_hints(line_mm: FloatArray, scene: Scene, *, first: bool = False, again: 
         places += [] if scene.tip_px is None else [("camera.tip", scene.tip_px, line_mm[-1:], HINT_ELSEWHERE)]
         places += [("camera.centre_line", np.array(point), line_mm, HINT_ELSEWHERE) for point in scene.hints.centre_line]
     elif again is not None:
-        places += [(CORRECTIONS, again[-1], line_mm[-1:], HINT_ELSEWHERE)]
-        places += [(CORRECTIONS, point, line_mm, HINT_ELSEWHERE) for point in again[:-1]]
+        places += [("camera.corrections", again[-1], line_mm[-1:], HINT_ELSEWHERE)]
+        places += [("camera.corrections", point, line_mm, HINT_ELSEWHERE) for point in again[:-1]]
     for name, pixel, points, reach in places:
         off = beside(points, unproject(scene.camera, pixel))
         if off > np.hypot(reach * scene.half_mm, pointing):
