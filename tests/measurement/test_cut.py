@@ -64,9 +64,9 @@ def test_an_outline_that_is_led_away_from_the_tip_is_held_there_at_first():
 def test_a_held_end_takes_the_line_along_and_leaves_the_clamp():
     line = np.column_stack([np.linspace(0.0, 128.0, STATIONS), np.zeros(STATIONS)])
     astray = line + SHARES[:, None] * [0.0, 30.0]
-    held = held_near(astray, line, 12.0, 1.0, drawn=False)
-    assert held[-1] == pytest.approx([128.0, 8.0]) and held[0] == pytest.approx([0.0, 0.0])  # 0.5 half widths and 2 px beside it
-    assert held_near(held, line, 12.0, 1.0, drawn=False) == pytest.approx(held)
+    held = held_near(astray, line, 8.0, drawn=False)
+    assert held[-1] == pytest.approx([128.0, 8.0]) and held[0] == pytest.approx([0.0, 0.0])
+    assert held_near(held, line, 8.0, drawn=False) == pytest.approx(held)
 
 
 def test_a_body_that_curls_behind_its_clamp_is_found():

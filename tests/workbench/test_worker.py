@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Correction, Hints
+from rfea_vision.campaign.specs import CameraSpec
 from rfea_vision.errors import DataError
 from rfea_vision.stages import mechanics
 from rfea_vision.workbench import trying
@@ -32,17 +35,27 @@ def test_a_job_names_its_model_as_the_command_does(fitted, monkeypatch, do, aske
     assert told == ["base"]
 
 
+@dataclass(frozen=True)
+class Filmed:
+    """What a trial asks of an experiment."""
+
+    video: str
+    camera: CameraSpec
+
+
 def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch):
-    times_s, counts = 100 + np.arange(300) / 30, []
-    experiment = SimpleNamespace(video="film")
+    times_s, counts, corrected = 100 + np.arange(300) / 30, [], []
+    again = tuple(Correction(frame, ((1.0, 2.0),)) for frame in (10, 40, 200))
+    experiment = Filmed("film", CameraSpec(hints=Hints(corrections=again)))
     campaign = SimpleNamespace(experiment=lambda name: experiment)
     work = SimpleNamespace(campaign=campaign, calibration_of=lambda item: SimpleNamespace(value=None))
     source = SimpleNamespace(
         path=Path("frames"), size=(640, 480), rate_Hz=None, quarter_turns=0, times_s=lambda: times_s
     )
 
-    def follow(item: Any, calibration: Any, piece: trying.FirstFrames) -> None:
+    def follow(item: Filmed, calibration: Any, piece: trying.FirstFrames) -> None:
         counts.append(len(piece.times_s()))
+        corrected.append([later.frame for later in item.camera.hints.corrections])
         raise DataError("there is no tube")
 
     stubs = {"open_campaign": lambda *_: work, "open_source": lambda video: source, "follow": follow}
@@ -50,4 +63,4 @@ def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch
         monkeypatch.setattr(trying, name, stub)
     with pytest.raises(DataError, match="no tube"):
         trying.try_hints(Path("campaign"), None, print, name="run", seconds=2.0)
-    assert counts == [24, 60]
+    assert counts == [24, 60] and corrected == [[10], [10, 40]]
