@@ -117,6 +117,8 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return f"found {found!r}, which are {number}; there must be {limit} {'at least' if kind == 'too_short' else 'at most'}"
         case "greater_than_equal":
             return f"found {found}; must be at least {item['ctx']['ge']:g}"
+        case "int_parsing" | "int_type" | "int_from_float":
+            return f"found {found!r}; a whole number is needed"
         case "finite_number":
             return f"found {found}; a number is needed"
         case "value_error":

@@ -9,61 +9,39 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.artefacts.lenses import LENSES
-from rfea_vision.units import conversion_factor, parse_moment, parse_quantity, pressure_unit, split_quantity
-
-
-def _quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
-    """Return the validator that reads a quantity as a number in `unit`."""
-
-    def parse(value: object) -> float:
-        number = parse_quantity(value, unit, example=example)
-        if positive and not number > 0:
-            raise ValueError(f"'{value}' must be greater than zero")
-        return number
-
-    return BeforeValidator(parse)
-
-
-def _shown(example: str) -> WithJsonSchema:
-    """Return what the JSON Schema says of a quantity."""
-    text = f"a quantity with its unit, for example '{example}'"
-    return WithJsonSchema({"type": "string", "description": text, "examples": [example]})
-
-
-def _text(value: object) -> object:
-    """Accept names that YAML reads as numbers or dates: an experiment may be called 270 or 2018-03-01."""
-    return value if value is None or isinstance(value, bool | list | dict) else str(value)
-
-
-def _moment(value: object) -> object:
-    """Refuse what is no date and time, and keep it as it is written."""
-    if value is None:
-        return None
-    parse_moment(value)
-    return str(value)
-
-
-def _pressure_or_column(value: object) -> object:
-    """Read a quantity in kPa; what begins with no number names a column of the log."""
-    if isinstance(value, str) and not re.match(r"\s*[+-]?[.\d]", value):
-        return value
-    return parse_quantity(value, "kPa", example="101.3 kPa")
-
-
-def _unit_of(kind: str) -> BeforeValidator:
-    """Return the validator that refuses a unit which does not convert to that of its `kind`."""
-
-    def check(value: object) -> object:
-        if isinstance(value, str):
-            conversion_factor(pressure_unit(value)[0] if kind == "kPa" else value, kind)
-        return value
-
-    return BeforeValidator(check)
+from rfea_vision.campaign.values import (
+    Ambient,
+    Angle,
+    Area,
+    Axis,
+    Density,
+    Duration,
+    Force,
+    Length,
+    LongLength,
+    Mass,
+    MassPerLength,
+    Moment,
+    Offset,
+    PixelBox,
+    PixelPair,
+    Pressure,
+    Rate,
+    Rgb,
+    SecondMoment,
+    SquareSide,
+    Text,
+    date_and_time,
+    quantity,
+    shown_as,
+    unit_of,
+)
+from rfea_vision.units import split_quantity
 
 
 def _sync(value: object) -> object:
@@ -95,52 +73,6 @@ def _named_board(value: object) -> object:
     return read_board(value)
 
 
-#: Red, green and blue of what people call by these names.
-_COLOURS = {
-    "red": (200, 40, 40),
-    "orange": (240, 140, 30),
-    "yellow": (230, 210, 40),
-    "green": (50, 150, 60),
-    "blue": (40, 80, 200),
-    "black": (25, 25, 25),
-    "white": (240, 240, 240),
-}
-
-
-def _colour(value: object) -> object:
-    """Let a name or ``#rrggbb`` stand for red, green and blue."""
-    if not isinstance(value, str):
-        return value
-    if value in _COLOURS:
-        return _COLOURS[value]
-    digits = value.removeprefix("#")
-    if len(digits) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in digits):
-        return tuple(int(digits[i : i + 2], 16) for i in (0, 2, 4))
-    raise ValueError(f"'{value}' is no colour; give one of {', '.join(_COLOURS)}, or '#rrggbb' as a picture editor shows it")
-
-
-Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
-LongLength = Annotated[float, _quantity("m", "155 mm", positive=True), _shown("155 mm")]
-SquareSide = Annotated[float, _quantity("m", "12 mm", positive=True), _shown("12 mm")]
-Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
-Force = Annotated[float, _quantity("N", "0.2 N", positive=True), _shown("0.2 N")]
-Area = Annotated[float, _quantity("m^2", "12 mm^2", positive=True), _shown("12 mm^2")]
-SecondMoment = Annotated[float, _quantity("m^4", "67500 mm^4", positive=True), _shown("67500 mm^4")]
-Mass = Annotated[float, _quantity("kg", "33.2 g", positive=True), _shown("33.2 g")]
-MassPerLength = Annotated[float, _quantity("kg/m", "0.47 g/mm", positive=True), _shown("0.47 g/mm")]
-Angle = Annotated[float, _quantity("deg", "30 deg"), _shown("30 deg")]
-Pressure = Annotated[float, _quantity("kPa", "0 kPa"), _shown("0 kPa")]
-Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
-Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
-Moment = Annotated[float, _quantity("s", "0.8 s"), _shown("0.8 s")]
-Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
-Text = Annotated[str, BeforeValidator(_text)]
-_Grey = Annotated[int, Field(ge=0, le=255)]
-Rgb = Annotated[tuple[_Grey, _Grey, _Grey], BeforeValidator(_colour)]
-Ambient = Annotated[float | str, BeforeValidator(_pressure_or_column), _shown("101.3 kPa")]
-Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text)]
-PixelPair = tuple[tuple[float, float], tuple[float, float]]
-PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 LensName = Literal["auto", *LENSES]  # the names of a table, which the type checker cannot read
 SyncMethod = Literal[*SYNC_METHODS]
 Role = Literal["train", "validate", "test", "ignore"]
@@ -277,7 +209,7 @@ class CameraPart(_Part):
     marks: Rgb | None = None
     masks: str | None = None
     keypoints: str | None = None
-    line_delay: Annotated[float, _quantity("s", "20 us"), _shown("20 us")] | None = None
+    line_delay: Annotated[float, quantity("s", "20 us"), shown_as("20 us")] | None = None
 
 
 class VideoPart(_Part):
@@ -316,8 +248,8 @@ class TrackPart(_Part):
     confidence: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
     time: Text | None = None
     angle: Text | None = None
-    unit: Annotated[str | None, _unit_of("deg")] = None
-    time_unit: Annotated[str | None, _unit_of("s")] = None
+    unit: Annotated[str | None, unit_of("deg")] = None
+    time_unit: Annotated[str | None, unit_of("s")] = None
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
@@ -342,8 +274,8 @@ class PressurePart(_Part):
     query: str | None = None
     time: Text | None = None
     pressure: Text | None = None
-    unit: Annotated[str | None, _unit_of("kPa")] = None
-    time_unit: Annotated[str | None, _unit_of("s")] = None
+    unit: Annotated[str | None, unit_of("kPa")] = None
+    time_unit: Annotated[str | None, unit_of("s")] = None
     reference: Literal["gauge", "absolute"] | None = None
     ambient: Ambient = 101.325
 
@@ -387,7 +319,7 @@ class _Shared(_Part):
     start: StartPart | None = None
     conditions: dict[str, str | float] | None = None
     sync: Annotated[SyncPart | None, BeforeValidator(_sync)] = None
-    recorded_at: Annotated[str | None, BeforeValidator(_moment)] = None
+    recorded_at: Annotated[str | None, BeforeValidator(date_and_time)] = None
     memory: Literal["fresh", "carried"] | None = None
     note: Text | None = None
 
@@ -397,7 +329,7 @@ class CampaignFile(_Shared):
 
     format: Literal["rfea-campaign/1"] = "rfea-campaign/1"
     name: Text | None = None
-    design: dict[str, Annotated[tuple[float, str], BeforeValidator(split_quantity), _shown("30 g")]] | None = None
+    design: dict[str, Annotated[tuple[float, str], BeforeValidator(split_quantity), shown_as("30 g")]] | None = None
 
 
 class ExperimentFile(_Shared):

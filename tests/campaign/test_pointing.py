@@ -79,6 +79,7 @@ def test_a_scale_by_which_the_tube_is_of_another_size_is_doubted(hints, scale, k
         ("scale: {points: [[20, 20]], distance: 10 mm}", "camera.scale.points: found [[20, 20]], which are 1; there must be 2"),
         ("scale: {points: [[5, 5], [60, 5]], distance: 10}", "camera.scale.distance: 10 has no unit; write for example '10 cm'"),
         ("corrections: [{frame: 0, points: [[5, 5]]}]", "camera.corrections.0.frame: found 0; must be at least 1"),
+        ("corrections: [{frame: soft, points: [[5, 5]]}]", "camera.corrections.0.frame: found 'soft'; a whole number is needed"),
         ("corrections: [{frame: 1, points: []}]", "camera.corrections.0.points: found []"),
         ("corrections: [{frame: 2, points: [[5, 5]]}, {frame: 2, points: [[6, 5]]}]", "camera.corrections: frame 2 is there twice"),
         ("scale: tub", "camera.scale: found 'tub'; must be 'tube'"),
