@@ -331,9 +331,9 @@ def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
         for time_s, picture in islice(pictures, 0, step * count, step):
             if not follower.next(picture, time_s):
                 seen.append((*follower.body.points[-1], follower.body.length))
+            elif not seen:
+                break  # hints are of the first frame
             follower.frame += step - 1  # of the film: what is known of single frames is theirs
-            if follower.hopeless():
-                break
     # In all but a tenth of the frames to either side: a line that settles after the first one does not sway, nor one that slides along.
     *sways, slides = np.ptp(np.quantile(seen, (0.1, 0.9), axis=0), axis=0) if seen else np.zeros(3)
     return Trial(len(seen), max(float(max(sways) - slides), 0.0) / follower.pointed.half)

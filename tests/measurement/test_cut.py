@@ -45,6 +45,35 @@ def test_the_way_keeps_to_the_middle_of_a_curl(enlarged):
     assert off.max() < 0.5 * HALF and np.linalg.norm(way[32] / enlarged - line[100]) < 1.5 * HALF
 
 
+def test_no_colour_of_a_grey_picture_is_impossible(monkeypatch):
+    """A grey level that neither the body's nor the wall's colours had was infinitely unlike both, and cut anywhere, for seconds."""
+    picture = np.full((320, 300, 3), 128, dtype=np.uint8)
+    picture[..., 0] = np.random.default_rng(0).normal(65.0, 3.0, picture.shape[:2]).astype(np.uint8)
+    cv2.line(picture, (60, 60), (60, 250), (225, 128, 128), round(2 * HALF))  # another tube
+    cv2.rectangle(picture, (30, 20), (90, 60), (22, 128, 128), -1)
+    likely, cut = [], cv2.grabCut
+
+    def watched(seen, mask, box, wall, body, turns, mode):
+        if mode == cv2.GC_EVAL_FREEZE_MODEL:
+            likely.extend(likelihoods(model[0], seen.reshape(-1, 3).astype(float)) for model in (wall, body))
+        return cut(seen, mask, box, wall, body, turns, mode)
+
+    monkeypatch.setattr(cv2, "grabCut", watched)
+    bare = np.array([[160.0, 80.0], [160.0, 240.0]])  # both pointed at beside all tubes
+    assert through_cut_out(picture, Pointed(bare[:1] + [[-HALF, 0.0], [HALF, 0.0]], bare, HALF, 160.0)) is not None
+    assert len(likely) >= 2 and min(found.min() for found in likely) > 1e-15
+
+
+def likelihoods(model: np.ndarray, colours: np.ndarray) -> np.ndarray:
+    """Of colours (n, 3) under one of GrabCut's models (65,): (n,)."""
+    found = np.zeros(len(colours))
+    for share, mean, covariance in zip(model[:5], model[5:20].reshape(5, 3), model[20:].reshape(5, 3, 3), strict=True):
+        off = colours - mean
+        distance = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
+        found += share * np.exp(-0.5 * distance) / np.sqrt(np.linalg.det(covariance))
+    return found
+
+
 def test_where_hints_allow_nothing_there_is_no_way():
     picture, _ = curled()
     nowhere = np.zeros(picture.shape[:2], dtype=bool)
