@@ -60,7 +60,7 @@ def test_no_colour_of_a_grey_picture_is_impossible(monkeypatch):
 
     monkeypatch.setattr(cv2, "grabCut", watched)
     bare = np.array([[160.0, 80.0], [160.0, 240.0]])  # both pointed at beside all tubes
-    assert through_cut_out(picture, Pointed(bare[:1] + [[-HALF, 0.0], [HALF, 0.0]], bare, HALF, 160.0)) is not None
+    assert through_cut_out(picture, Pointed(bare[0] + np.outer([-HALF, HALF], [1.0, 0.0]), bare, HALF, 160.0)) is not None
     assert len(likely) >= 2 and min(found.min() for found in likely) > 1e-15
 
 

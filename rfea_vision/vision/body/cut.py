@@ -16,7 +16,8 @@ CUT_PX = 5.0  # half a body's width in the picture that is cut
 SEEDS = 0.7, 1.2  # half widths beyond the clamp, chosen: the body is there, and at its tip,
 SEED = 0.4  # within so many half widths,
 BEHIND = 2.0  # and is not within so many behind the clamp,
-FARTHEST = 1.3  # nor where a line from clamp to tip would be longer than so many of its lengths
+FARTHEST = 1.3  # nor where a line from clamp to tip would be longer than so many of its lengths,
+BESIDE = 4.0  # and so many half widths: from a line to the body's edge, a half width beyond that, and back
 WITHIN = 1.5  # scatters of one rubber's colour, chosen: what is so near to that of these places is taken for it at first
 TURNS = 4  # of learning colours and cutting: after few nothing changes
 LEAST_PIXELS = 10  # of the body, and of what it is not: GrabCut learns five colours of each
@@ -36,7 +37,7 @@ def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
     (clamp, tip), half = scaled(hinted, 1.0 / less), pointed.half / less
     off = np.dstack(np.meshgrid(np.arange(size[0]), np.arange(size[1]))) - clamp
     away, (ahead, chord) = np.linalg.norm(off, axis=2), (pointed.ahead, tip - clamp)
-    longest = FARTHEST * max(pointed.length / less, float(np.linalg.norm(chord)))
+    longest = FARTHEST * max(pointed.length / less, float(np.linalg.norm(chord))) + BESIDE * half
     nowhere = (away + np.linalg.norm(off - chord, axis=2) > longest) | ((away < BEHIND * half) & (off @ ahead < 0.0))
     if allowed is not None:
         nowhere |= cv2.resize(allowed.astype(np.uint8), size.tolist(), interpolation=cv2.INTER_NEAREST) == 0
