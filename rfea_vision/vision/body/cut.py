@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import scaled
-from rfea_vision.vision.body.begin import ALIKE, Pointed, smooth_way
+from rfea_vision.vision.body.begin import ALIKE, Pointed, like_colour, smooth_way
 from rfea_vision.vision.body.model import Picture
 from rfea_vision.vision.body.ways import Ways
 
@@ -18,6 +18,7 @@ SEED = 0.4  # within so many half widths,
 BEHIND = 2.0  # and is not within so many behind the clamp,
 FARTHEST = 1.3  # nor where a line from clamp to tip would be longer than so many of its lengths,
 BESIDE = 4.0  # and so many half widths: from a line to the body's edge, a half width beyond that, and back
+LIKE = 0.5  # the colour that a person named, of 1, chosen: so much is what is body at least
 WITHIN = 1.5  # scatters of one rubber's colour, chosen: what is so near to that of these places is taken for it at first
 TURNS = 4  # of learning colours and cutting: after few nothing changes
 LEAST_PIXELS = 10  # of the body, and of what it is not: GrabCut learns five colours of each
@@ -33,7 +34,7 @@ def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
     """
     less, hinted, allowed = max(int(pointed.half / CUT_PX), 1), pointed.line[[0, -1]], pointed.allowed
     size = np.array(picture.shape[1::-1]) // less
-    small = cv2.resize(picture, size.tolist(), interpolation=cv2.INTER_AREA)
+    small = np.asarray(cv2.resize(picture, size.tolist(), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     (clamp, tip), half = scaled(hinted, 1.0 / less), pointed.half / less
     off = np.dstack(np.meshgrid(np.arange(size[0]), np.arange(size[1]))) - clamp
     away, (ahead, chord) = np.linalg.norm(off, axis=2), (pointed.ahead, tip - clamp)
@@ -41,6 +42,8 @@ def through_cut_out(picture: Picture, pointed: Pointed) -> FloatArray | None:
     nowhere = (away + np.linalg.norm(off - chord, axis=2) > longest) | ((away < BEHIND * half) & (off @ ahead < 0.0))
     if allowed is not None:
         nowhere |= cv2.resize(allowed.astype(np.uint8), size.tolist(), interpolation=cv2.INTER_NEAREST) == 0
+    if pointed.colour is not None:
+        nowhere |= like_colour(small, pointed.colour) < LIKE
     mask = np.where(nowhere, cv2.GC_BGD, cv2.GC_PR_BGD).astype(np.uint8)
     for place in [*(clamp + seed * half * pointed.ahead for seed in SEEDS), tip]:
         cv2.circle(mask, np.round(place).astype(int).tolist(), max(round(SEED * half), 1), (cv2.GC_FGD,), -1)
