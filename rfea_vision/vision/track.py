@@ -244,7 +244,7 @@ def follow_body(
     follower, total = BodyFollower(scene, scale_for(scene, source.size), held=held), _frame_count(source)
     read = follower.picture_scale
     small = None if lamp is None else tuple(slice(int(read * s.start), int(read * s.stop) + 1) for s in lamp)
-    for done in _added(rows, follower, source, levelled(source.colours(read)), small, progress):
+    for done in _added(rows, follower, source, follower.ahead(levelled(source.colours(read))), small, progress):
         lost = 0 if follower.awaited() else follower.missed
         if follower.hopeless() or too_late(done, rows.good, rows.copies, total, lost=lost):
             break

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from dataclasses import replace
 from itertools import product
 
@@ -42,13 +44,13 @@ from rfea_vision.vision.body.fit import (
 )
 from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
-from rfea_vision.vision.body.held import HeldView
+from rfea_vision.vision.body.held import HeldView, SeenFrom
 from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip
 from rfea_vision.vision.body.model import Picture, SeenBody, Sight, follow_colours, frame_of, middle, skin_of
 from rfea_vision.vision.body.rules import First, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
-from rfea_vision.vision.body.shown import Shown
+from rfea_vision.vision.body.shown import Shown, written_twice
 from rfea_vision.vision.body.still import StillView, at_scale
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
@@ -87,7 +89,8 @@ class BodyFollower:
         self.enlarged, self.picture_scale = max(scale, 1.0), min(scale, 1.0)  # before it is looked at, and as it is read, over the film
         self.pointed = Pointed(*scene.pointed(scale), scene.length_mm * self.px_per_mm, scale, self.enlarged, scene.hints)
         clamp, line, half = scene.pointed(self.picture_scale)
-        self.seen_from = HeldView(clamp, line, half) if held else StillView(line, half, HeldView(clamp, line, half))
+        self._view = HeldView(clamp, line, half) if held else StillView(line, half, HeldView(clamp, line, half))
+        self._views: deque[SeenFrom] = deque()  # of pictures that are still to come
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
@@ -103,16 +106,29 @@ class BodyFollower:
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
 
+    def ahead(
+        self, frames: Generator[tuple[float, NDArray[np.uint8]], None, None]
+    ) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
+        """The same frames, all of which are to be followed: from where they are seen is found as they are read, maybe in a thread."""
+        before, view = np.empty(0, dtype=np.uint8), None
+        with closing(frames):
+            for time_s, picture in frames:
+                if view is None or not written_twice(picture, before):
+                    before, view = picture, self._view.look(picture)
+                self._views.append(view)
+                yield time_s, picture
+
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
         self.frame += 1
+        view = self._views.popleft() if self._views else None
         if self.hopeless():
             return self.refusal
-        if self.good and self.missed == 0 and self.frame not in self.corrections and np.array_equal(picture, self.shown.picture):
+        if self.good and self.missed == 0 and self.frame not in self.corrections and written_twice(picture, self.shown.picture):
             copied = self.moved_px > MOVING_PX  # of a body at rest pictures may be alike, too
             self.good += not copied
             return "duplicate" if copied else ""
-        self.seen_from.look(picture)
+        self.seen_from = view or self._view.look(picture)
         if not self.seen_from.seen:
             self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
             return self.refusal

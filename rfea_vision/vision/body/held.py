@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.begin import leaving
-from rfea_vision.vision.body.levels import Level, sampled
+from rfea_vision.vision.body.levels import Level, sampled, sloping
 from rfea_vision.vision.body.wall import window_around
 
 AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
@@ -29,6 +31,17 @@ ALIKE, WELL_ALIKE = 0.7, 0.85
 # standard errors off these: all chosen, the second by how far views of drawn films (seen) were wrong with 0.002, 0.007 and 0.014.
 WALL_PX, WALL_TURN, RESTS_PX, RESTS_TURN, SURELY = 0.5, 0.004, 0.5, 0.01, 3.0
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
+
+
+class SeenFrom(NamedTuple):
+    """From where a picture is seen: `moved` (2, 3) maps places of the first picture to those of this one.
+
+    `seen` is False where what tells that is not in it; `stderr` (3,) are standard errors of the view, px, px and rad.
+    """
+
+    moved: FloatArray
+    seen: bool
+    stderr: FloatArray
 
 
 class HeldView:
@@ -55,8 +68,12 @@ class HeldView:
         self.seen, self._alike = True, 1.0  # in the last picture; correlation with the first one
         self._covariance = np.zeros((3, 3))
 
-    def look(self, picture: NDArray[np.uint8]) -> None:
+    def look(self, picture: NDArray[np.uint8]) -> SeenFrom:
         """See in a picture (h, w, 3) by how much what holds the body has moved and turned."""
+        self._look(picture)
+        return SeenFrom(self.moved, self.seen, self.stderr)
+
+    def _look(self, picture: NDArray[np.uint8]) -> None:
         near = self._foot + self._pose[:2] + np.outer([0.0, 1.0], self._step[:2])
         window = window_around(picture.shape, near, LOOKED_AT * self._half)
         self._corner = np.array([window[1].start, window[0].start])
@@ -109,9 +126,7 @@ class HeldView:
         information = prior
         for level, first in zip(blurred, self._first, strict=True):
             for _ in range(STEPS):
-                places = self._put(pose)
-                seen = sampled(level, places)
-                slopes = np.column_stack([0.5 * (sampled(level, places + way) - sampled(level, places - way)) for way in np.eye(2)])
+                seen, slopes = sloping(level, self._put(pose))
                 gain, offset = _line(first, seen, self._weight)
                 off = gain * first + offset - seen
                 variance = max(NOISE, float(scatter(off[:, None])[0])) ** 2 + EDGE_PX**2 * np.sum(slopes**2, axis=1)

@@ -12,6 +12,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import scaled
 from rfea_vision.vision.body.model import Picture
 
+SOME = 8  # every so many rows are compared first: most pictures differ in these
 STEPS = 8  # pictures are enlarged by eighths, and looked at half as large:
 EVEN_PX = 2 * STEPS  # then after every so many of their pixels one of the other ends there, too
 KERNEL_PX = 3  # around what is enlarged, that its pixels are worked out from
@@ -70,3 +71,8 @@ class Shown:
             within.append(slice(part.start - off, part.stop - off))
         large = cv2.resize(self.picture[tuple(around)], None, fx=self.enlarged, fy=self.enlarged, interpolation=cv2.INTER_CUBIC)
         return np.asarray(large, dtype=np.uint8)[tuple(within)]
+
+
+def written_twice(picture: NDArray[np.uint8], before: NDArray[np.uint8]) -> bool:
+    """Whether a picture is the one before once more."""
+    return np.array_equal(picture[::SOME], before[::SOME]) and np.array_equal(picture, before)

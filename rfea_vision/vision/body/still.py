@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import NORMAL
-from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.levels import Level, sampled
+from rfea_vision.vision.body.held import HeldView, SeenFrom
+from rfea_vision.vision.body.levels import Level, sampled, similarity_equations
 
 # A camera that moves is seen all over the picture; what moves before it is in one place, and may show most (an arm before a white
 # wall): of each of so many parts of the width and of the height as many of the steepest pixels count at most, if they are steep enough.
@@ -51,10 +51,13 @@ class StillView:
         self._pose = np.zeros(4)  # px, px, radians and share, about the middle of the picture in which it is seen
         self._drifts = False
         self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one, once that is believed
-        self.seen, self.stderr = True, np.zeros(3)  # a camera whose wall is not seen is taken to stay
 
-    def look(self, picture: NDArray[np.uint8]) -> None:
-        """See in a picture (h, w, 3) by how much the view has moved."""
+    def look(self, picture: NDArray[np.uint8]) -> SeenFrom:
+        """See in a picture (h, w, 3) by how much the view has moved; a camera whose wall is not seen is taken to stay."""
+        self._look(picture)
+        return SeenFrom(self.moved, True, np.zeros(3))
+
+    def _look(self, picture: NDArray[np.uint8]) -> None:
         if self._first is None:
             self._begin(picture)
             if self._base is not None:
@@ -129,15 +132,8 @@ class StillView:
         pose, prior = self._pose.copy(), np.diag(FRAME_ADDS**-2.0)
         for level, first in zip(levels, self._first, strict=True):
             for _ in range(STEPS):
-                turned = self._places @ _similarity(pose).T
-                places = turned + self._middle + pose[:2]
-                x, y = (0.5 * (sampled(level, places + way) - sampled(level, places - way)) for way in np.eye(2))
-                off = first - sampled(level, places)
-                scatter = _scatter(off)
-                weight = 1.0 / (1.0 + off**2 / (4.0 * scatter**2)) ** 2 / (scatter * TOGETHER) ** 2
-                rows = np.column_stack([x, y, y * turned[:, 0] - x * turned[:, 1], x * turned[:, 0] + y * turned[:, 1]])
-                pull = rows.T @ (weight * off) + prior @ (self._pose - pose)
-                step = np.linalg.solve((rows.T * weight) @ rows + prior, pull)
+                matrix, vector = similarity_equations(level, first, self._places, self._middle, pose, NOISE, TOGETHER)
+                step = np.linalg.solve(matrix + prior, vector + prior @ (self._pose - pose))
                 pose = pose + step
                 if np.abs(step[:2]).max() < 0.02:
                     break
