@@ -102,7 +102,7 @@ def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> 
     taken = np.linspace(first // 2, own - 1, STATIONS).astype(int)
     taken = STATIONS - 1 - taken if tip else taken
     known = replace(body, inside=body.inside[taken], outside=body.outside[taken])
-    foot = np.array([look.pointed.line[-1], -frame_of(body.points)[0][-1]]) if tip else look.foot
+    foot = np.array([look.pointed.line[-1], -body.tangents[-1]]) if tip else look.foot
     length = look.pointed.length
     # Of one picture alone nothing is known to be another thing.
     ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed.half, SHORTEST * length)

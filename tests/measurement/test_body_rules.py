@@ -1,6 +1,7 @@
 """Bodies that are tracked as a whole: what is a line, an end and a wall, by single pictures and by rules."""
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -80,8 +81,8 @@ def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
     hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
     follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 240)), 1.0)
     assert follower.next(picture, 0.0) == ""
-    lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body.copy()
-    body.points = body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0])
+    lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body
+    body = replace(body, points=body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0]))
     seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
     stray = Fit(body, 1e-3 * np.eye(25), seen, np.zeros(STATIONS), rays, ())
     told = []
@@ -196,22 +197,22 @@ def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere, 6.0) == "", (
         "what the rays find there is another thing: nothing of the tube is between"
     )
-    body.points[:, 1] *= 0.9
+    body = replace(body, points=body.points * [1.0, 0.9])
     assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", (
         "the end is as good as there, or not seen"
     )
     assert said(narrow, everywhere, 6.0) == "", "an end that is seen within a half width is known to that"
     assert said(narrow, everywhere, 6.0, aslant=4.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
     assert said(narrow, everywhere, 13.0) == "no_fit: the tube goes on beyond the line's end, by 7.2 mm or more"
-    body.points[:, 1] *= 0.9
+    body = replace(body, points=body.points * [1.0, 0.9])
     assert said(narrow, everywhere, np.nan) == "", "it did so from the first frame on"
     first.fit.beyond[:] = 0.4
     assert said(narrow, everywhere, np.nan) == "no_fit: the tube goes on beyond the line's end, and where it ends is not seen"
-    body.points[:, 1] *= 1.17
+    body = replace(body, points=body.points * [1.0, 1.17])
     assert said(narrow, everywhere, np.nan) == "", "it may end within half its width"
-    body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
+    body = replace(body, half=np.where(SHARES > 0.95, 1.0, 0.8) * first.half)
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
-    body.points[1:3] = body.points[0] + [[1.5, -1.0], [2.5, 1.0]]
+    body = replace(body, points=np.vstack([body.points[0] + [[0.0, 0.0], [1.5, -1.0], [2.5, 1.0]], body.points[3:]]))
     assert said(narrow, everywhere) == "", "beside what holds it the line is known no better"
 
 
@@ -290,7 +291,7 @@ def test_a_line_that_leaves_the_middle_of_its_edges_is_known_by_so_much_less():
     assert off_middle(body, edges, np.where(SHARES > 0.85, 2.5, 0.0)) < 0.1, "the line has gone there"
     edges[10:, 1, 1] = np.inf  # one edge alone says nothing of the middle
     assert off_middle(body, edges, still) == 0.0
-    body.told = SHARES < 0.85
+    body = replace(body, told=SHARES < 0.85)
     edges[10:, 1, 1] = 0.5
     assert off_middle(body, edges, still) == 0.0, "edges of the wall are none"
 

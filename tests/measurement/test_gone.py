@@ -364,7 +364,7 @@ def test_a_body_is_held_to_the_length_that_it_had():
     """As far as it is known, all along the body; an end that a cable crossed had stayed behind there by five half widths."""
     follower, line = follower_of(middle_of(0.4, 110.0)), middle_of(0.4, 110.0)
     assert follower.next(drawn(line, np.full(65, HALF)), 0.0) == "" and not follower.unseen
-    body, spread = follower.body.copy(), 1e-6 * np.eye(25)
+    body, spread = follower.body, 1e-6 * np.eye(25)
     spread[11:17, 11:17] += 16.0 * UNIFORMLY
     held, known = held_to_length(body, spread, body.length + 10.0, stderr=2.0)
     assert held.length == pytest.approx(body.length + 8.0, abs=0.2)

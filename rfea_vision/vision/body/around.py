@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.model import STATIONS, Picture, SeenBody, frame_of, middle
+from rfea_vision.vision.body.model import STATIONS, Picture, SeenBody, middle
 from rfea_vision.vision.body.sampling import support
 from rfea_vision.vision.body.wall import Wall
 
@@ -30,7 +30,7 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
     (S, 2) to either side, from 1.2 to 2 half widths off its line; and (8,) up to four beyond its end. NaN where it has
     rolled up and lies beside itself.
     """
-    tangents, normals = frame_of(body.points)
+    tangents, normals = body.tangents, body.normals
     behind, beside = wall.behind(picture), np.empty((2, STATIONS))
     for side, sign in enumerate((1.0, -1.0)):
         points = body.points + (sign * BESIDE * body.half)[:, None] * normals

@@ -23,8 +23,8 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     frame_of,
     lab_of,
-    learn_colours,
     middle,
+    with_colours,
 )
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.body.shown import STEPS
@@ -270,7 +270,7 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
     Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
     that cross it do not. What is measured against is the scatter around the body.
     """
-    strip = read_strip(picture, body.points, frame_of(body.points)[1], np.full(STATIONS, half_px), SECTION)
+    strip = read_strip(picture, body.points, body.normals, np.full(STATIONS, half_px), SECTION)
     profile = middle(strip.reshape(PIECES, -1, *strip.shape[1:]).transpose(0, 2, 3, 1))
     around = profile[:, np.abs(SECTION) > BESIDE]
     own = np.median(around, axis=1, keepdims=True)
@@ -282,5 +282,4 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
 def first_body(picture: Picture, line: FloatArray, half_px: float | FloatArray) -> SeenBody:
     """A body on a line of stations, with the colours that it has there."""
     body = SeenBody(line, np.full(STATIONS, half_px), np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
-    learn_colours(picture, body)
-    return body
+    return with_colours(picture, body)

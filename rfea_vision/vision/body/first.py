@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,10 +28,10 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     Skin,
     frame_of,
-    learn_beyond,
-    learn_colours,
     middle,
     told_from_wall,
+    with_beyond,
+    with_colours,
 )
 from rfea_vision.vision.body.rules import elsewhere
 from rfea_vision.vision.body.sampling import RAYS
@@ -95,23 +95,22 @@ class FirstFrame:
         body = self._outline(lines, base, rungs, end_held)
         beyond, end_px = end_among(self._end_of(body), half)
         clear = end_px < END_NEAR * half
-        end = body.points[-1] + beyond * frame_of(body.points)[0][-1]
+        end = body.points[-1] + beyond * body.tangents[-1]
         marks = [] if through else find_marks(lab, body, pointed.marks, pointed.enlarged)
         # A click that is nearer to a mark's middle than to the end that rays see is on the mark.
         nearer = float(np.linalg.norm(end - pointed.tip)) if clear else np.inf
         clicks = on_mark(pointed.line, marks, body, min(nearer, max(POINTING_PX * pointed.scale, TIP_MISSED * half)))
         if marked := clicks is not pointed.line:
             clear, end_px, end = False, END_NEAR * half, body.points[-1]
-        body.points[-1] = end
+        body = replace(body, points=np.vstack([body.points[:-1], end]))
         # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
         doubt, least = SYSTEMATIC * half, pointed.stderr
         clicked = pointing(missed_by(clicks, body, half, believed=clear), least, doubt)
-        body.told = told_from_wall(body)
-        body.points = as_pointed(body.points, clicks, half, least if marked else clicked, doubt + body.strays, end_px)
-        learn_colours(lab, body)
-        learn_beyond(lab, body)
+        body = replace(body, told=told_from_wall(body))
+        points = as_pointed(body.points, clicks, half, least if marked else clicked, doubt + body.strays, end_px)
+        body = with_beyond(lab, with_colours(lab, replace(body, points=points)))
         offsets = self._end_of(body)
-        body.told = told_from_wall(body)
+        body = replace(body, told=told_from_wall(body))
         if body.untold:  # then the end that is seen is that of the rest, if all rays see one
             offsets = self._end_of(body)
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
@@ -151,14 +150,13 @@ class FirstFrame:
         foot = np.array([base, leaving(pointed.clamp, line[:SQUARE])])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - FREE_TURNS:
-                body.half[:] = width
+                body = replace(body, half=width)
             evidence = Evidence(lab, self.wall, foot, body.half, None, marks=marks_in(lab, rungs, body, body, self.wall))
             fit = fit_body(evidence, body, pointed.covariance, max(0.45 * float(middle(body.half)), 5.0))
-            body = fit.body
-            body.points = even(body.points)
+            points = even(fit.body.points)
             if pointed.drawn or (end_held and turn < FIRST_TURNS - FREE_TURNS):
-                body.points = held_near(body.points, line, pointed.near, drawn=pointed.drawn)
-            learn_colours(lab, body)
+                points = held_near(points, line, pointed.near, drawn=pointed.drawn)
+            body = with_colours(lab, replace(fit.body, points=points))
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / pointed.length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if pointed.colour is None else float(np.mean(like_colour(body.inside[:, 0], pointed.colour)))
@@ -190,10 +188,9 @@ def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed
 
     Across the body, and along it where its end is `believed`.
     """
-    tangents, normals = frame_of(body.points)
     tip = clicks[-1] - body.points[-1]
-    missed = [2.0**0.5 * (float(middle(body.half[: SQUARE + 1])) - clamped_px), tip @ normals[-1]]
-    return np.array(missed + [beside(body.points, point) for point in clicks[1:-1]] + [tip @ tangents[-1]] * believed)
+    missed = [2.0**0.5 * (float(middle(body.half[: SQUARE + 1])) - clamped_px), tip @ body.normals[-1]]
+    return np.array(missed + [beside(body.points, point) for point in clicks[1:-1]] + [tip @ body.tangents[-1]] * believed)
 
 
 def pointing(missed: FloatArray, least_px: float, doubt_px: float) -> float:

@@ -9,14 +9,13 @@ the last frame stays as the prior.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.vision.body.around import BEYOND
 from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, at_stations
@@ -31,7 +30,6 @@ from rfea_vision.vision.body.model import (
     Picture,
     SeenBody,
     Skin,
-    frame_of,
     gradual,
     middle,
 )
@@ -218,12 +216,12 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     covariance : (25, 25) px^2 of the prediction
     reach : px to either side in which edges are looked for
     """
-    body, total = predicted.copy(), np.zeros(UNKNOWNS)
+    body, total = predicted, np.zeros(UNKNOWNS)
     prior: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     shape = POINTED_SHAPE if evidence.skin is None else BENDING / HELD_SHAPE_PX**2 if evidence.lost else FORETOLD_SHAPE
     slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))  # px, along itself
     for turn in range(TURNS):
-        (tangents, normals), lengths = frame_of(body.points), along(body.points)
+        tangents, normals, lengths = body.tangents, body.normals, body.lengths
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
         matrix, vector = prior.copy(), -prior @ total
         matrix[NORMAL, NORMAL] += shape
@@ -241,11 +239,11 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         total += step
         shift = (NORMAL_BASIS @ step[NORMAL])[:, None] * normals + (ALONG_BASIS @ step[ALONG])[:, None] * tangents
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
-        body.points = body.points + shift * limit
-        body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
+        half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
+        body = replace(body, points=body.points + shift * limit, half=half)
         if turn + 1 == TURNS or (turn and np.abs(shift).max() < 0.05):
             break
-    body.points = gradual(body.points, float(middle(evidence.rest_half)))
+    body = replace(body, points=gradual(body.points, float(middle(evidence.rest_half))))
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
     carried = carried_by(evidence.marks, body)
@@ -254,7 +252,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
 
 def beyond_half(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
     """How far (S, 2) px the edges of a body lie beyond its half width, by more than the pixel to which they are found; else 0."""
-    seen = wall.behind(picture), body.points, frame_of(body.points)[1], body.half, body.inside, body.outside
+    seen = wall.behind(picture), body.points, body.normals, body.half, body.inside, body.outside
     edges = measure_edges(*seen, EDGE_REACH * float(middle(body.half)))
     offsets = np.where(np.isfinite(edges[:, :, 1]), edges[:, :, 0], 0.0)
     return offsets - np.clip(offsets, -1.0, 1.0)
@@ -277,8 +275,7 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
     """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
     last, near = body.last, slice(body.last - 2, body.last + 1)
     inside, outside = body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1))
-    tangent = frame_of(body.points)[0][last]
-    return measure_end(wall.behind(picture), body.points[last], tangent, body.end_half, inside, outside, body.beyond, reach)
+    return measure_end(wall.behind(picture), body.points[last], body.tangents[last], body.end_half, inside, outside, body.beyond, reach)
 
 
 def _add_shape(

@@ -47,7 +47,7 @@ from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView, SeenFrom
 from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_numbers
 from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip
-from rfea_vision.vision.body.model import Picture, SeenBody, Sight, follow_colours, frame_of, middle, skin_of
+from rfea_vision.vision.body.model import Picture, SeenBody, Sight, in_light, middle, skin_of
 from rfea_vision.vision.body.rules import First, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.shown import Shown, written_twice
@@ -223,7 +223,7 @@ class BodyFollower:
         found = []
         for line in hinted_lines(lab, pointed):
             outline, _ = self._outlined(lab, line)
-            outline.points = held_near(outline.points, line, pointed.near, drawn=pointed.drawn)
+            outline = replace(outline, points=held_near(outline.points, line, pointed.near, drawn=pointed.drawn))
             found.append(self._judged(lab, self._fit(lab, outline, none, 0.8, covariance=known)))
         off = [off_hints(unproject(self.camera, fit.body.points), self.scene, again=again) for fit in carried]
         if off[0] and not carried[0].reason:
@@ -261,9 +261,9 @@ class BodyFollower:
         """The fit of a body that was begun so, from here on."""
         self.body, self.covariance, self.foot, self.marks, self.skin = begun.body, begun.covariance, begun.foot, begun.marks, begun.skin
         self.end_offsets, self.tip_marked, self.pointed_px = begun.end_offsets, begun.tip_marked, begun.pointed_px / self.scale
-        self.told_tip = self.body.points[-1].copy()
+        self.told_tip = self.body.points[-1]
         tube = self.scene.length_mm, self.px_per_mm
-        self.first = First(self.body.length, self.body.half.copy(), lab.shape[:2], *tube, self.pointed.allowed)
+        self.first = First(self.body.length, self.body.half, lab.shape[:2], *tube, self.pointed.allowed)
         base = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), base, 0, 1.0)
         return self._judged(lab, self._fit(lab, self.body, self._spread(), 0.8))
@@ -300,7 +300,7 @@ class BodyFollower:
             near, _ = as_long(lab, self.wall, near, self.skin.colours, self.first.length)
             spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
         covariance = np.asarray(np.linalg.inv(np.linalg.inv(spread) + told), dtype=float)
-        gone = TO_NORMAL @ np.sum((near.points - last.points) * frame_of(last.points)[1], axis=1)
+        gone = TO_NORMAL @ np.sum((near.points - last.points) * last.normals, axis=1)
         covariance[NORMAL, NORMAL] += np.diag((FLOW_MISSES * gone) ** 2)
         if self.unseen:
             # Its end: it is as long as when that was last seen, within the lengths that it has had.
@@ -330,7 +330,7 @@ class BodyFollower:
         beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
         if self.again is not None:
-            self.told_tip = fit.body.points[-1].copy()
+            self.told_tip = fit.body.points[-1]
             slipped += 0.0 if level else self.pointed.stderr**2
         if self.good and self.end_offsets is None:
             _, alike = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
@@ -353,7 +353,7 @@ class BodyFollower:
             known = self.pointed.half, self.pointed_px * self.scale, slips
             self.end_offsets = learnt_end(end_seen(lab, self.wall, self.body, self.pointed.half), *known)
         cleared = self.wall.cleared(lab)
-        follow_colours(cleared, lab, self.body, fit.backing)
+        self.body = in_light(cleared, lab, self.body, fit.backing)
         self.last = Sight(self.body, lab, skin_of(cleared, self.body))
         self.skin.follow(self.last.skin)
         self.wall.learn(lab, self.body)

@@ -29,7 +29,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
 )
 from rfea_vision.vision.body.rules import LENGTHS
-from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike
+from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
 from rfea_vision.vision.body.shown import Shown, Window
 from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
@@ -62,7 +62,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     And the information (25, 25) px^-2 that this displacement is, and the share that flow has carried of what slopes of the skin tell
     along the body: of its length.
     """
-    tangents, normals = frame_of(last.body.points)
+    tangents, normals = last.body.tangents, last.body.normals
     station = np.tile(FLOW_ALONG, len(FLOW_ACROSS))
     beside = np.repeat(FLOW_ACROSS, len(FLOW_ALONG)) * last.body.half[station]
     window = wall.window
@@ -75,7 +75,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
     moved = (after - before)[:, 0].astype(float)
     kept &= last.body.told[station]
-    body, told = last.body.copy(), np.zeros((UNKNOWNS, UNKNOWNS))
+    body, told = last.body, np.zeros((UNKNOWNS, UNKNOWNS))
     if kept.sum() < len(station) // 9:
         return body, told, 0.0
     aside = np.sum(moved * normals[station], axis=1)
@@ -89,14 +89,13 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
     middles = beside == 0.0  # to either side windows hold the wall, which stays
     beyond = np.sum(moved[middles] * tangents[FLOW_ALONG], axis=1) - t[FLOW_ALONG]
-    lengths = along(body.points)
-    inner = np.abs(lengths[-1] - 2.0 * lengths) < lengths[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
+    inner = np.abs(body.length - 2.0 * body.lengths) < body.length - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
     textured = _textured(seen, before[middles, 0], tangents[FLOW_ALONG]) * (inner & last.body.told)[FLOW_ALONG]
     known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
     gains, stretched = _stretch(beyond, known, body.length)
-    ways = [replace(body, points=spaced(line, last.body.points, gained)) for gained in (0.0 * gains, gains)]
+    ways = [replace(body, points=spaced(line, last.body.lengths, gained)) for gained in (0.0 * gains, gains)]
     evenly, drawn = (_unlike(skin_of(wall.cleared(picture), way), last.skin) for way in ways)
     if drawn < evenly:
         told[ALONG, ALONG] = stretched
@@ -110,21 +109,24 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
     And whether its skin tells how long it is: no other length looks nearly as much like it.
     """
     tried, shown = np.append(length * np.linspace(*LENGTHS, LENGTHS_TRIED), body.length), wall.cleared(picture)
-    line = np.vstack([body.points, body.points[-1] + tried.max() * frame_of(body.points)[0][-1]])
-    ways = [replace(body, points=at(line, SHARES * length)) for length in tried]
-    unlike = GRAIN + np.array([_unlike(skin_of(shown, way)[body.told], skin[body.told]) for way in ways])
+    line = np.vstack([body.points, body.points[-1] + tried.max() * body.tangents[-1]])
+    ways = at(line, np.outer(tried, SHARES).ravel()).reshape(len(tried), STATIONS, 2)
+    normals, halves = frame_of(ways)[1].reshape(-1, 2), np.tile(body.half, len(ways))
+    skins = read_strip(shown, ways.reshape(-1, 2), normals, halves, ACROSS_TEXTURE)
+    unlike = GRAIN + _unlike(skins.reshape(len(ways), *skin.shape)[:, body.told], skin[body.told])
 
     def stands_out(one: int) -> bool:
         return bool(unlike[one] < CLEARLY * unlike[np.abs(tried / tried[one] - 1.0) > ANOTHER_LENGTH].min())
 
     best = int(np.argmin(unlike))
-    return ways[best] if stands_out(best) else body, stands_out(LENGTHS_TRIED)
+    return replace(body, points=ways[best]) if stands_out(best) else body, stands_out(LENGTHS_TRIED)
 
 
-def _unlike(skin: FloatArray, before: FloatArray) -> float:
-    """How little the inner half of a skin (S, V, 3) is like what it was: grey levels, without a change of light."""
-    off = (skin - before)[:, np.abs(ACROSS_TEXTURE) < 0.5]
-    return float(np.mean(np.minimum(np.abs(off - middle(off.reshape(-1, 3).T)), ALIKE)))
+def _unlike(skins: FloatArray, before: FloatArray) -> FloatArray:
+    """How little (...) the inner half of skins (..., S, V, 3) is like what it was: grey levels, without a change of light."""
+    off = (skins - before)[..., np.abs(ACROSS_TEXTURE) < 0.5, :]
+    off = np.ascontiguousarray(np.moveaxis(off, -1, -3)).reshape(*off.shape[:-3], 3, -1)
+    return np.asarray(np.minimum(np.abs(off - middle(off)[..., None]), ALIKE).mean(axis=(-1, -2)))
 
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:
@@ -150,11 +152,11 @@ def _stretch(off: FloatArray, known: FloatArray, length: float) -> tuple[FloatAr
     return ALONG_BASIS @ gains, information
 
 
-def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
-    """Stations on a line with the distances of `like` and what they gain (S,) px along it, without what gathers there."""
+def spaced(line: FloatArray, lengths: FloatArray, gains: FloatArray) -> FloatArray:
+    """Stations on a line at `lengths` (S,) px, and what they gain (S,) px along it, without what gathers there."""
     beyond = line[-1] + 3.0 * (line[-1] - line[-4])
     line = np.vstack([line, beyond])
-    wanted = ALONG_BASIS @ (TO_ALONG @ (along(like) + gains))
+    wanted = ALONG_BASIS @ (TO_ALONG @ (lengths + gains))
     return at(line, wanted - wanted[0])
 
 
@@ -165,8 +167,8 @@ def held_to_length(body: SeenBody, covariance: FloatArray, length: float, stderr
     """
     stretches = covariance[:, ALONG] @ (ALONG_BASIS[-1] - ALONG_BASIS[0])
     gain = stretches / ((ALONG_BASIS[-1] - ALONG_BASIS[0]) @ stretches[ALONG] + stderr**2)
-    step, (tangents, normals) = gain * (length - body.length), frame_of(body.points)
-    shift = (ALONG_BASIS @ step[ALONG])[:, None] * tangents + (NORMAL_BASIS @ step[NORMAL])[:, None] * normals
+    step = gain * (length - body.length)
+    shift = (ALONG_BASIS @ step[ALONG])[:, None] * body.tangents + (NORMAL_BASIS @ step[NORMAL])[:, None] * body.normals
     return replace(body, points=body.points + shift), covariance - np.outer(gain, stretches)
 
 

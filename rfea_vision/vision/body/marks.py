@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of, middle
+from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, middle
 from rfea_vision.vision.body.sampling import EDGE_PX, SEEN
 from rfea_vision.vision.body.wall import Wall
 
@@ -96,13 +96,13 @@ def place_of(mark: Mark, body: SeenBody) -> FloatArray:
     at = mark.share * (STATIONS - 1)
     low = min(int(at), STATIONS - 2)
     point = body.points[low] + (at - low) * (body.points[low + 1] - body.points[low])
-    return point + mark.across * body.half[low] * frame_of(body.points)[1][low]
+    return point + mark.across * body.half[low] * body.normals[low]
 
 
 def place_on(pixel: FloatArray, body: SeenBody) -> tuple[float, float]:
     """Where a pixel (2,) lies on the body: share of its stations, and half widths across from its centre line."""
     near = int(np.argmin(np.linalg.norm(body.points - pixel, axis=1)))
-    tangents, normals = frame_of(body.points)
+    tangents, normals = body.tangents, body.normals
     off = pixel - body.points[near]
     step = float(np.linalg.norm(body.points[min(near + 1, STATIONS - 1)] - body.points[max(near - 1, 0)]))
     step /= min(near + 1, STATIONS - 1) - max(near - 1, 0)
@@ -125,7 +125,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
     hinted : (3,) CIELAB of the marks, where they were named; other patches do not count then
     enlarged : how many times, if it was: grain has grown with the picture
     """
-    _, normals = frame_of(body.points)
+    normals = body.normals
     outline = np.vstack([body.points + body.half[:, None] * normals, (body.points - body.half[:, None] * normals)[::-1]])
     inside = np.zeros(picture.shape[:2], dtype=np.uint8)
     cv2.fillPoly(inside, [np.round(outline).astype(np.int32)], 1)

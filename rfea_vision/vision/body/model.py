@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -51,9 +51,11 @@ ALONG_BASIS = basis_matrix(SHARES, 6)  # along it,
 WIDTH_BASIS = basis_matrix(SHARES, 8)  # and what its half width gains
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class SeenBody:
     """Stations are points of the material: `points` (S, 2) px on the centre line from clamp to tip, `half` (S,) px.
+
+    A value: what is seen anew of it is another one, and what follows from it is worked out once.
 
     `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours. `told` (S,) says where it can be told
     from the wall: elsewhere edges, skin and flow are those of the wall, and do not count. `beyond` (2, 3) is the colour of what is
@@ -67,16 +69,27 @@ class SeenBody:
     told: NDArray[np.bool_] = field(default_factory=lambda: np.ones(STATIONS, dtype=bool))
     beyond: FloatArray = field(default_factory=lambda: np.stack([np.full(3, NOWHERE), np.ones(3)]))
 
-    def copy(self) -> SeenBody:
-        """One that shares no array with this."""
-        return SeenBody(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy(), self.told, self.beyond)
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Of the centre line up to each station (S,), px."""
+        return along(self.points)
 
     @property
     def length(self) -> float:
         """Of the centre line in px."""
-        return float(along(self.points)[-1])
+        return float(self.lengths[-1])
 
-    @property
+    @cached_property
+    def tangents(self) -> FloatArray:
+        """Unit vectors (S, 2) along the centre line, smoothed over its neighbours."""
+        return frame_of(self.points)[0]
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit vectors (S, 2) across it, to its left in the picture."""
+        return self.tangents[:, ::-1] * LEFTWARDS
+
+    @cached_property
     def last(self) -> int:
         """Station at which it ends as far as it can be told from the wall: up to it most are, and from there on most are not."""
         return max(int(np.argmax(np.cumsum(np.where(self.told, 1, -1)))), NEIGHBOURS)
@@ -103,9 +116,9 @@ class SeenBody:
 
     def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
         """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""
-        lengths = along(self.points)
         off = np.linalg.norm(places[:, None] - self.points, axis=2)
-        return np.any((off < self.half) & (np.abs(lengths[:, None] - lengths) > ANOTHER_STRETCH * self.half), axis=1)
+        another = np.abs(self.lengths[:, None] - self.lengths) > ANOTHER_STRETCH * self.half
+        return np.any((off < self.half) & another, axis=1)
 
 
 @dataclass
@@ -120,7 +133,7 @@ class Skin:
     def of(cls, picture: Picture, body: SeenBody) -> Skin:
         """That of a body in a picture."""
         colours = skin_of(picture, body)
-        slopes = read_slopes(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE)
+        slopes = read_slopes(picture, body.points, body.normals, body.half, ACROSS_TEXTURE)
         return cls(colours, slopes, np.full_like(colours, SKIN_SCATTER**2))
 
     def follow(self, seen: FloatArray) -> None:
@@ -140,10 +153,10 @@ class Sight:
 
 
 def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
-    chords = points[AHEAD] - points[BEFORE]
-    tangents = chords / np.maximum(np.sqrt(chords[:, :1] ** 2 + chords[:, 1:] ** 2), 1e-9)
-    return tangents, tangents[:, ::-1] * LEFTWARDS
+    """Unit tangents and normals (..., S, 2) of lines of points, smoothed over their neighbours."""
+    chords = points[..., AHEAD, :] - points[..., BEFORE, :]
+    tangents = chords / np.maximum(np.sqrt(chords[..., :1] ** 2 + chords[..., 1:] ** 2), 1e-9)
+    return tangents, tangents[..., ::-1] * LEFTWARDS
 
 
 def gradual(points: FloatArray, rest: float) -> FloatArray:
@@ -164,17 +177,15 @@ def _onto_spline(count: int) -> FloatArray:
     return basis @ np.linalg.pinv(basis)
 
 
-def learn_colours(picture: Picture, body: SeenBody) -> None:
-    """Read the colours inside and around the body."""
-    body.inside[:] = _colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE)
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        body.outside[:, side] = _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE)
+def with_colours(picture: Picture, body: SeenBody) -> SeenBody:
+    """The body with the colours that are read inside and around it."""
+    return replace(body, inside=_colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE), outside=_colours_around(picture, body))
 
 
-def learn_beyond(picture: Picture, body: SeenBody) -> None:
-    """Read the colour of what is fixed to the end of a body, where it is neither the body's there nor that of what is around it."""
+def with_beyond(picture: Picture, body: SeenBody) -> SeenBody:
+    """The body with the colour of what is fixed to its end, where that is neither its own there nor that of what is around it."""
     near, half = slice(body.last - 2, body.last + 1), body.end_half
-    tangent, normal = (part[body.last] for part in frame_of(body.points))
+    tangent, normal = body.tangents[body.last], body.normals[body.last]
     places = body.points[body.last] + (BEYOND_END * half)[:, None] * tangent
     normals, halves = np.tile(normal, (len(places), 1)), np.full(len(places), half)
     colours = read_strip(picture, places, normals, halves, ACROSS_INSIDE).reshape(-1, 3)
@@ -183,7 +194,8 @@ def learn_beyond(picture: Picture, body: SeenBody) -> None:
     if len(strange) > FIXED_SHARE * len(colours):
         colour = np.median(strange, axis=0)
         if _apart(colour[None], known)[0] > 3.0 * CLEAR**2:  # shades of the body's own colour are not
-            body.beyond = np.stack([colour, scatter(strange) ** 2 + LEAST_VARIANCE])
+            return replace(body, beyond=np.stack([colour, scatter(strange) ** 2 + LEAST_VARIANCE]))
+    return body
 
 
 def _apart(colours: FloatArray, known: FloatArray) -> FloatArray:
@@ -214,26 +226,28 @@ def end_of(where: NDArray[np.bool_]) -> int:
     return int(np.max(np.flatnonzero(np.cumsum(where[::-1]) > 0.5 * np.arange(1, STATIONS + 1)), initial=-1)) + 1
 
 
-def follow_colours(cleared: Picture, picture: Picture, body: SeenBody, backing: FloatArray) -> None:
-    """Let the colours follow the light: around the body freely, inside it alike at all stations.
+def in_light(cleared: Picture, picture: Picture, body: SeenBody, backing: FloatArray) -> SeenBody:
+    """The body with colours that follow the light: around it freely, inside it alike at all stations.
 
     One that has left the body would else take the wall's colour for its own; where `backing` (S,) says that it has not,
     its own colour counts a little.
     """
     off = middle(_near(cleared, body, ACROSS_INSIDE)) - body.inside[:, 0]
-    alike = backing >= BACKED
+    alike, inside = backing >= BACKED, body.inside.copy()
     if np.any(alike):
         light = np.median(off[alike], axis=0)
-        body.inside[:, 0] += LIGHT_GAIN * light + np.where(alike[:, None], OWN_GAIN * (off - light), 0.0)
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        body.outside[:, side] += LIGHT_GAIN * (
-            _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE) - body.outside[:, side]
-        )
+        inside[:, 0] += LIGHT_GAIN * light + np.where(alike[:, None], OWN_GAIN * (off - light), 0.0)
+    return replace(body, inside=inside, outside=body.outside + LIGHT_GAIN * (_colours_around(picture, body) - body.outside))
 
 
 def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
     """The skin (S, V, 3) of a body."""
-    return read_strip(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE)
+    return read_strip(picture, body.points, body.normals, body.half, ACROSS_TEXTURE)
+
+
+def _colours_around(picture: Picture, body: SeenBody) -> FloatArray:
+    """Mean and variance (S, 2 sides, 2, 3) of the colours beside the body."""
+    return np.stack([_colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE) for sign in (1.0, -1.0)], axis=1)
 
 
 def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatArray) -> FloatArray:
@@ -246,7 +260,7 @@ def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatA
 
 def _near(picture: Picture, body: SeenBody, across: FloatArray) -> FloatArray:
     """Colours (S, 3, V) at `across` half widths of every station and its neighbours."""
-    strip = read_strip(picture, body.points, frame_of(body.points)[1], body.half, across)
+    strip = read_strip(picture, body.points, body.normals, body.half, across)
     return strip[NEAR].transpose(0, 3, 1, 2).reshape(STATIONS, 3, -1)
 
 

@@ -13,7 +13,7 @@ from rfea_vision.arrays import FloatArray, longest
 from rfea_vision.vision.body.around import BEYOND
 from rfea_vision.vision.body.begin import PIECES
 from rfea_vision.vision.body.fit import Fit
-from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, frame_of, middle, skin_of
+from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, middle, skin_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.find.begin import digits_of
@@ -216,7 +216,7 @@ def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
     body's place; where all of it is so, it is the light that has changed.
     """
     strip = skin_of(picture, body)[:, INNER]
-    places = body.points[:, None] + (ACROSS_TEXTURE[INNER] * body.half[:, None])[..., None] * frame_of(body.points)[1][:, None]
+    places = body.points[:, None] + (ACROSS_TEXTURE[INNER] * body.half[:, None])[..., None] * body.normals[:, None]
     columns, rows = np.clip(np.round(places), 0, np.array(picture.shape[1::-1]) - 1).astype(int).transpose(2, 0, 1)
     beside = body.outside[:, (ACROSS_TEXTURE[INNER] < 0.0).astype(int), 0]
     behind = np.where((wall.times[rows, columns] >= SEEN)[..., None], wall.colour[rows, columns], beside)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.model import ACROSS_INSIDE, Picture, SeenBody, frame_of, middle
+from rfea_vision.vision.body.model import ACROSS_INSIDE, Picture, SeenBody, middle
 from rfea_vision.vision.body.sampling import SEEN, Behind, learn_wall, read_strip
 from rfea_vision.vision.body.shown import Shown
 
@@ -59,7 +59,7 @@ class Wall:
         """Take from a picture what is beside the body, and what shows through it."""
         if not self._still:
             return
-        normals = frame_of(body.points)[1]
+        normals = body.normals
         lines, seen = (read_strip(shown, body.points, normals, body.half, ACROSS_INSIDE) for shown in (self._lines, picture))
         lines -= lines.mean(axis=1, keepdims=True)
         self._together = max(self._together + float(np.sum(lines * (seen - seen.mean(axis=1, keepdims=True)))), 0.0)
@@ -78,7 +78,7 @@ class Wall:
 def covered(shape: tuple[int, ...], body: SeenBody, around: float = 0.0) -> NDArray[np.uint8]:
     """1 where (h, w) of a picture of `shape` a body may be, or within `around` px of that, 0 where it is not."""
     mask = np.zeros(shape[:2], dtype=np.uint8)
-    tangents, normals = frame_of(body.points)
+    tangents, normals = body.tangents, body.normals
     reach = (AROUND[0] * body.half + AROUND[1] + around)[:, None]
     beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0 + around)
     outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
