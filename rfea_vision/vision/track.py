@@ -34,6 +34,7 @@ from rfea_vision.vision.find.begin import Scene, line_of, off_hints
 from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.light import levelled
 from rfea_vision.vision.scene import make_scene, matched_to
+from rfea_vision.vision.trials import Trials
 
 Progress = Callable[[int, int], None] | None
 
@@ -103,8 +104,9 @@ def track_frames(
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
     follower, rows = _followed(source, scene, lamp, nodes, segments, progress)
+    trials = Trials(source, scene, len(rows), progress)
     if follower.start is None or rows.share < LEAST_SHARE:
-        raise DataError(f"{source.path}: {_why_lost(source, calibration, scene, vertical, follower, rows)}")
+        raise DataError(f"{source.path}: {_why_lost(trials, calibration, vertical, follower, rows)}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
@@ -113,14 +115,14 @@ def track_frames(
     }
     rows.marked = follower.marked and follower.good >= 3
     data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
-    if told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
+    if told := moves_elsewhere(trials, data["tip"].values[data["valid"].values.astype(bool)]):
         raise DataError(f"{source.path}: {told}")
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
     said += [told] if (told := went_astray(follower)) else []
-    if told := _misplaced(source, scene, follower, rows) or end_like_wall(follower) or end_guessed(follower):
+    if told := _misplaced(trials, follower, rows) or end_like_wall(follower) or end_guessed(follower):
         said.append(told)
     elif rows.share < READ and not said:
-        said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
+        said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
     if said:
         data.attrs["advice"] = "; ".join(said)
     return Track(data)
@@ -192,15 +194,10 @@ def _added(
 
 
 def _why_lost(
-    source: FrameSource,
-    calibration: Calibration,
-    scene: Scene,
-    vertical: Vertical,
-    follower: Follower | BodyFollower,
-    rows: Rows,
+    trials: Trials, calibration: Calibration, vertical: Vertical, follower: Follower | BodyFollower, rows: Rows
 ) -> str:
     """How little of a film could be measured, the commonest reason, and what would help most."""
-    total = _frame_count(source)
+    scene, total = trials.scene, _frame_count(trials.source)
     looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
     measured = f"{rows.good} of {looked} frames could be measured" if rows.good else "no tube found"
     side, off = "", ""
@@ -209,15 +206,15 @@ def _why_lost(
         if isinstance(follower, Follower):  # edges alone rest on the side
             side = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
-    remedy = _misplaced(source, scene, follower, rows) or (end_like_wall(follower) if rows.good else "")
-    remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
+    remedy = _misplaced(trials, follower, rows) or (end_like_wall(follower) if rows.good else "")
+    remedy = remedy or next_hint(trials, rows.reasons, scale_off=off, side_off=side)
     return f"{measured} ({rows.commonest_reason}); {remedy}"
 
 
-def _misplaced(source: FrameSource, scene: Scene, follower: Follower | BodyFollower, rows: Rows) -> str:
+def _misplaced(trials: Trials, follower: Follower | BodyFollower, rows: Rows) -> str:
     """Which click lies beside the body that was followed from the clicks, in words; empty where none does."""
     pointed_at = isinstance(follower, BodyFollower) and not follower.held
-    return clicked_aside(source, scene, rows.reasons) if pointed_at else ""
+    return clicked_aside(trials, rows.reasons) if pointed_at else ""
 
 
 def _frame_count(source: FrameSource) -> int:

@@ -15,6 +15,7 @@ from rfea_vision.vision import advice
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.clicks import aside
 from rfea_vision.vision.scene import make_scene
+from rfea_vision.vision.trials import Trial, Trials
 
 CLAMP, TIP = ((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)
 
@@ -80,14 +81,14 @@ def test_no_click_is_called_wrong_where_the_rest_of_the_body_looks_like_the_wall
 
 def test_what_was_found_instead_is_tried_before_it_is_said():
     film = film_of([drawn(number=k) for k in range(6)])
-    said = advice.clicked_aside(film, pointed_at(tip=(120.0, 232.0)), [""] * 6)
+    said = advice.clicked_aside(Trials(film, pointed_at(tip=(120.0, 232.0)), 6), [""] * 6)
     assert said.startswith("camera.tip was pointed at beside the tube, or not at its end: check this against the first frame")
     assert "tried, it reads 6 of the first 6 frames, and 6 were read without it" in said
-    assert advice.clicked_aside(film, pointed_at(), [""] * 6) == ""
-    said = advice.clicked_aside(film, pointed_at(clamp=((138.0, 42.0), (162.0, 42.0))), ["off_hints"] * 6)
+    assert advice.clicked_aside(Trials(film, pointed_at(), 6), [""] * 6) == ""
+    said = advice.clicked_aside(Trials(film, pointed_at(clamp=((138.0, 42.0), (162.0, 42.0))), 6), ["off_hints"] * 6)
     assert "give it: camera.clamp: [[" in said
     lost = film_of([drawn(), *[drawn(body=92, number=k) for k in range(1, 6)]])
-    assert advice.clicked_aside(lost, pointed_at(tip=(120.0, 232.0)), [""] * 6) == "", "it reads less than was read before"
+    assert advice.clicked_aside(Trials(lost, pointed_at(tip=(120.0, 232.0)), 6), [""] * 6) == "", "it reads less than was read before"
 
 
 @pytest.mark.parametrize(
@@ -101,7 +102,7 @@ def test_what_was_found_instead_is_tried_before_it_is_said():
 )
 def test_hints_beside_the_body_are_not_answered_with_light(hints, said):
     for number in range(4):
-        answer = advice.film_lacks(film_of([drawn(number=number)]), pointed_at(**hints))
+        answer = advice.film_lacks(Trials(film_of([drawn(number=number)]), pointed_at(**hints), 1))
         assert re.match(said, answer), (number, answer)
 
 
@@ -111,9 +112,9 @@ def test_a_line_in_the_wrong_order_is_tried_without(monkeypatch):
     monkeypatch.setattr(advice, "base_moved", lambda source, scene, reasons: "")
     scene = pointed_at(centre_line=((120.0, 160.0), (120.0, 80.0)))
     assert looked(drawn(), **{"centre_line": scene.hints.centre_line}).refusal
-    said = advice.next_hint(film, scene, ["no_fit: the line that fits is folded"] * 6)
+    said = advice.next_hint(Trials(film, scene, 6), ["no_fit: the line that fits is folded"] * 6)
     assert said.startswith("check this against the picture and give it: camera.clamp and camera.tip alone, without camera.centre_line")
-    assert advice.next_hint(film, replace(scene, hints=Hints(clamp=CLAMP, tip=TIP)), [""] * 6)
+    assert advice.next_hint(Trials(film, replace(scene, hints=Hints(clamp=CLAMP, tip=TIP)), 6), [""] * 6)
 
 
 def test_a_guess_that_its_first_frame_refuses_is_looked_at_no_further(monkeypatch):
@@ -125,7 +126,25 @@ def test_a_guess_that_its_first_frame_refuses_is_looked_at_no_further(monkeypatc
         return next_frame(self, picture, time_s)
 
     monkeypatch.setattr(BodyFollower, "next", counted)
-    film = film_of([drawn(number=k) for k in range(6)])
-    assert advice._trial(film, pointed_at(clamp=((40.0, 60.0), (64.0, 60.0)), tip=(52.0, 220.0)), 6, 1) == advice.Trial(0, 0.0)
-    assert len(looked_at) == 1
-    assert advice._trial(film, pointed_at(), 6, 1).good == 6 and len(looked_at) == 7
+    told: list[tuple[int, int]] = []
+    trials = Trials(film_of([drawn(number=k) for k in range(6)]), pointed_at(), 6, lambda *share: told.append(share))
+    beside = replace(trials.scene.hints, clamp=((40.0, 60.0), (64.0, 60.0)), tip=(52.0, 220.0))
+    assert trials.of(beside) == Trial(0, 0.0) and len(looked_at) == 1 and told == []
+    assert trials.of(trials.scene.hints).good == 6 and len(looked_at) == 7
+    assert told == [(k, 6) for k in range(1, 7)], "a bar shows how far a trial is"
+
+
+def test_guesses_are_tried_once_and_only_as_far_as_they_are_asked_for(monkeypatch):
+    """Where what is followed rests and too little is read, two sentences ask for them: each had tried them all, for a minute."""
+    tried = []
+
+    def counted(self, hints):
+        tried.append(hints.tip)
+        return Trial(len(tried), 1.0)
+
+    monkeypatch.setattr(Trials, "of", counted)
+    monkeypatch.setattr("rfea_vision.vision.trials._suggested", lambda _: ((Hints(tip=(k, k)), f"guess {k}") for k in range(3)))
+    trials = Trials(film_of([drawn()]), pointed_at(), 1)
+    assert next(trials.guesses()).words == "guess 0" and tried == [(0, 0)]
+    assert [(guess.words, guess.trial.good) for guess in trials.guesses()] == [("guess 0", 1), ("guess 1", 2), ("guess 2", 3)]
+    assert len(list(trials.guesses())) == len(tried) == 3

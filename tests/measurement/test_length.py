@@ -13,10 +13,11 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
-from rfea_vision.vision import advice, track_frames
+from rfea_vision.vision import advice, track_frames, trials
 from rfea_vision.vision.derive.shape import _length_check
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene
 from rfea_vision.vision.scene import make_scene
+from rfea_vision.vision.trials import Trials
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 
@@ -79,42 +80,42 @@ SAID = "the inextensible side keeps its length within 0.1 % over all postures; i
 )
 def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_check, says, monkeypatch):
     """Clamp and tip had been asked for, which cannot mend a board's square."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter(()))
-    said = advice.next_hint(NO_FILM, UNHINTED, reasons, scale_off=advice.scale_doubt(length_check))
+    monkeypatch.setattr(trials, "_suggested", lambda _: iter(()))
+    said = advice.next_hint(Trials(NO_FILM, UNHINTED, len(reasons)), reasons, scale_off=advice.scale_doubt(length_check))
     assert said.startswith(says)
 
 
 def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch):
     """Clamp and tip, found in the picture, read half of the frames of a film whose board is of another size."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter([(Hints(), "camera.tip: [3, 4]")]))
-    monkeypatch.setattr(advice, "_trial", lambda source, scene, count, step: advice.Trial(2, 3.0))
-    said = advice.next_hint(NO_FILM, UNHINTED, ["no_tube", *[OTHER_LENGTH] * 4])
+    monkeypatch.setattr(trials, "_suggested", lambda _: iter([(Hints(), "camera.tip: [3, 4]")]))
+    monkeypatch.setattr(Trials, "of", lambda self, hints: trials.Trial(2, 3.0))
+    said = advice.next_hint(Trials(NO_FILM, UNHINTED, 5), ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
-    said = advice.next_hint(NO_FILM, UNHINTED, ["width_off"] * 4, scale_off="it measures +20 %")
+    said = advice.next_hint(Trials(NO_FILM, UNHINTED, 4), ["width_off"] * 4, scale_off="it measures +20 %")
     assert said.startswith("it measures +20 %; where these are right, check this against the picture and give it: camera.tip: [3, 4]")
 
 
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
     """It says up to where it was read; whether that is so, the frames told."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter(()))
+    monkeypatch.setattr(trials, "_suggested", lambda _: iter(()))
     monkeypatch.setattr(advice, "base_moved", lambda source, scene, reasons: "")
-    monkeypatch.setattr(advice, "film_lacks", lambda source, scene: "")
+    monkeypatch.setattr(advice, "film_lacks", lambda _: "")
     given = Hints(clamp=((0.0, 0.0), (0.0, 0.0)), tip=(0.0, 0.0), centre_line=((1.0, 2.0), (3.0, 4.0)))
-    scene = replace(UNHINTED, hints=given)
+    film = Trials(NO_FILM, replace(UNHINTED, hints=given), 25)
     lost = ["no_fit: folded"] * 20
-    said = advice.next_hint(NO_FILM, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
+    said = advice.next_hint(film, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
     assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")
     again = "and point at the tube again where it is seen, from the clamp to the tip: "
     again += "camera.corrections: [{frame: 21, points: [[x, y], ...]}]"
     assert said.endswith(f"frame 21 (no_fit: folded) {again}")
-    assert advice.next_hint(NO_FILM, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
-    assert advice.next_hint(NO_FILM, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
-    said = advice.next_hint(NO_FILM, scene, [""] * 5 + lost)
+    assert advice.next_hint(film, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
+    assert advice.next_hint(film, [""] * 5 + lost, scale_off="the scale") == "the scale"
+    said = advice.next_hint(film, [""] * 5 + lost)
     forbidden = ["off_hints: 20 % of it lies where camera.region or camera.exclude forbid it"] * 3 + lost
-    assert advice.next_hint(NO_FILM, scene, [""] * 5 + forbidden).endswith("make the region larger, or the boxes smaller")
+    assert advice.next_hint(film, [""] * 5 + forbidden).endswith("make the region larger, or the boxes smaller")
     assert said.startswith("see what changes in frame 5, the first that was refused (no_fit: folded), and point at the tube again")
     assert said.endswith("[{frame: 5, points: [[x, y], ...]}]")
-    assert advice.next_hint(NO_FILM, scene, lost).startswith("check the hints")
+    assert advice.next_hint(film, lost).startswith("check the hints")
 
 
 @pytest.mark.parametrize(
@@ -171,17 +172,17 @@ def test_where_no_hint_helps_it_is_said_what_the_film_lacks(half, tip, wall, sai
     cv2.rectangle(picture, (round(120 - half), 0), (round(120 + half), 200), (205, 205, 205), -1)
     noise = np.random.default_rng(0).normal(0, 2, picture.shape)
     picture = np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
-    source: Any = SimpleNamespace(size=(240, 260), colours=lambda scale: (pair for pair in [(0.0, picture)]))
-    told = advice.film_lacks(source, pointed_at(((120.0 - half, 30.0), (120.0 + half, 30.0)), (120.0, tip)))
+    colours = lambda scale: (pair for pair in [(0.0, picture)])  # noqa: E731
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours, times_s=lambda: np.zeros(1))
+    told = advice.film_lacks(Trials(source, pointed_at(((120.0 - half, 30.0), (120.0 + half, 30.0)), (120.0, tip)), 1))
     assert bool(told) == bool(said) and re.match(said, told)
 
 
 def test_a_body_that_bends_towards_the_camera_is_told_so(monkeypatch):
     """What turns within its own width in the first frame does not bend in the picture's plane: no hint mends that."""
     looked = SimpleNamespace(next=lambda picture, time_s: "no_fit: the line that fits is folded, 26 mm from the clamp")
-    monkeypatch.setattr(advice, "_first_look", lambda source, scene: (looked, None))
-    source: Any = SimpleNamespace(size=(240, 260))
-    told = advice.film_lacks(source, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)))
+    monkeypatch.setattr(trials, "begun", lambda source, scene: (looked, None))
+    told = advice.film_lacks(Trials(NO_FILM, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)), 1))
     assert "turns there within its own width, as one does that bends towards the camera" in told
 
 
