@@ -48,5 +48,6 @@ def run() -> list[dict[str, Any]]:
                 outcome = follow(kind, number, Path(folder))
                 outcomes["unseen" if number % 2 and number >= SPENT else "seen"].append(outcome)
                 sys.stderr.write(told(f"{kind} {number}", outcome) + "\n")
-        rows += [row for name, group in outcomes.items() if group for row in rows_of(f"{kind} films, {name}", group, AGAINST)]
+        groups = [(f"{kind} films, {name}", group) for name, group in outcomes.items() if group]
+        rows += [row for name, group in groups for row in rows_of(name, group, AGAINST, alone=True)]
     return rows

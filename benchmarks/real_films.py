@@ -56,4 +56,4 @@ def run() -> list[dict[str, Any]]:
         sys.stderr.write(told(name, outcome) + "\n")
         kind = f"real films, tip at a {'mark' if film.end == 'mark' else 'body'}'s {'middle' if film.end == 'mark' else 'end'}"
         outcomes.setdefault(f"{kind}, {'seen' if film.seen else 'unseen'}", []).append(outcome)
-    return [row for name, group in outcomes.items() for row in rows_of(name, group, AGAINST)]
+    return [row for name, group in outcomes.items() for row in rows_of(name, group, AGAINST, alone=True)]

@@ -83,7 +83,7 @@ def clicked_aside(trials: Trials, reasons: list[str]) -> str:
 
     What it reads then is tried before it is said: where that is less than what was read, it is another thing.
     """
-    if (found := aside(trials.first.follower, trials.first.picture)) is None:
+    if (found := aside(trials.first)) is None:
         return ""
     before, scene = trials.read_without(reasons), trials.scene
     pixels = tuple(map(pixel, found.places)) if found.name == "clamp" else pixel(found.places)
@@ -156,8 +156,8 @@ def film_lacks(trials: Trials) -> str:
             f"camera.clamp is {wide_mm:.3g} mm wide by the scale, and the tube {tube_mm:.3g} mm by {key}: point at the two edges of "
             "the tube where it leaves what holds it, or correct the scale or the tube's width"
         )
-    seen = trials.first.follower
-    if FOLDED in trials.first.refusal:
+    seen = trials.first
+    if FOLDED in seen.refusal:
         return (
             "as it is seen in the first frame the tube turns there within its own width, as one does that bends towards the camera: "
             "film it from where it bends in the picture's plane, or begin the film where it lies in that"

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, scaled
@@ -15,7 +14,6 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.gone import reached
 from rfea_vision.vision.body.model import STATIONS, SeenBody, end_of, frame_of
 from rfea_vision.vision.body.rules import MOST
-from rfea_vision.vision.body.shown import Shown
 from rfea_vision.vision.find.begin import HINT_CLAMP, HINT_ELSEWHERE, POINTING_PX
 
 LEAST_CLEAR = 0.5  # of their scatter, the median along the body: chosen, most of what is read has more than 1
@@ -66,20 +64,20 @@ def on_wall(body: SeenBody) -> str:
     )
 
 
-def aside(look: BodyFollower, picture: NDArray[np.uint8]) -> Aside | None:
-    """The click that is not on the body; `look` has looked at the first `picture`. None where none is known to be.
+def aside(look: BodyFollower) -> Aside | None:
+    """The click that is not on the body, by one that has looked at the first picture alone. None where none is known to be.
 
     Where all that looks like the body and hangs together with the other click is as long as the tube and ends elsewhere; if the line as
     it was pointed at was refused there, looks like the wall where it ends, on one side at least, or falls short of a body that goes on.
     """
     half_on_wall = sides_clear(look.body).min(axis=1) < LEAST_CLEAR
     first = look.first.fit
-    line = _line_from(look, picture, tip=False)
+    line = _line_from(look, tip=False)
     if line is not None and float(np.linalg.norm(line[-1] - look.pointed.line[-1])) > _allowed(look, HINT_ELSEWHERE):
         goes_on = first is not None and first.beyond[:3].min() > MOST and along(line)[-1] > look.body.length
         if first is None or goes_on or end_of(half_on_wall) >= HALF_ON_WALL:
             return _instead(look, "tip", line[-1], line)
-    line = _line_from(look, picture, tip=True)
+    line = _line_from(look, tip=True)
     if line is not None and (first is None or end_of(half_on_wall[::-1]) >= HALF_ON_WALL):
         near = int(np.argmin(np.linalg.norm(line - look.foot[0], axis=1)))
         across = frame_of(line)[1][near]
@@ -88,7 +86,7 @@ def aside(look: BodyFollower, picture: NDArray[np.uint8]) -> Aside | None:
     return None
 
 
-def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> FloatArray | None:
+def _line_from(look: BodyFollower, *, tip: bool) -> FloatArray | None:
     """Stations (S, 2) px of all that looks like the body and hangs together with its clamp, or its tip, from there on.
 
     By the colours that are seen in a row from there on. None where that is not as long as the tube.
@@ -105,7 +103,7 @@ def _line_from(look: BodyFollower, picture: NDArray[np.uint8], *, tip: bool) -> 
     foot = np.array([look.pointed.line[-1], -body.tangents[-1]]) if tip else look.foot
     length = look.pointed.length
     # Of one picture alone nothing is known to be another thing.
-    ways = reached(Shown(picture, look.enlarged), None, look.wall, known, foot, look.pointed.half, SHORTEST * length)
+    ways = reached(look.shown, None, look.wall, known, foot, look.pointed.half, SHORTEST * length)
     return next((way for way in ways[1:] if abs(along(way)[-1] / length - 1.0) <= AS_LONG), None)
 
 

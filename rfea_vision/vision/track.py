@@ -104,7 +104,8 @@ def track_frames(
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
     follower, rows = _followed(source, scene, lamp, nodes, segments, progress)
-    trials = Trials(source, scene, len(rows), progress)
+    first = follower.first_look if isinstance(follower, BodyFollower) and not follower.held else None
+    trials = Trials(source, scene, len(rows), progress, first)
     if follower.start is None or rows.share < LEAST_SHARE:
         raise DataError(f"{source.path}: {_why_lost(trials, calibration, vertical, follower, rows)}")
     attributes = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
-from functools import cached_property
 from itertools import islice
 from typing import NamedTuple
 
@@ -53,14 +52,6 @@ class Guess(NamedTuple):
     trial: Trial
 
 
-class FirstLook(NamedTuple):
-    """One that has looked for the body where it was pointed at in the first `picture`, and why it was refused there, if it was."""
-
-    follower: BodyFollower
-    picture: NDArray[np.uint8]
-    refusal: str
-
-
 class Trials:
     """What hints bring on a film's first frames, at a phone's rate; each guess, and the first look, are worked out once.
 
@@ -69,20 +60,32 @@ class Trials:
     source, scene : the film, and what is known of it with the hints that were given
     frames : how many were looked at
     progress : called with (frames done, frames in all) of each trial
+    first : one that has looked for the body in the first picture, where it was pointed at, and in no other; None: not yet
     """
 
-    def __init__(self, source: FrameSource, scene: Scene, frames: int, progress: Callable[[int, int], None] | None = None) -> None:
+    def __init__(
+        self,
+        source: FrameSource,
+        scene: Scene,
+        frames: int,
+        progress: Callable[[int, int], None] | None = None,
+        first: BodyFollower | None = None,
+    ) -> None:
         self.source, self.scene, self.progress = source, scene, progress
         times = source.times_s()
         self.step = max(1, round(1.0 / (PHONE_HZ * float(np.median(np.diff(times)))))) if len(times) > 1 else 1
         self.count = min(-(-frames // self.step), MOST_LOOKED)
         self._untried, self._tried = _suggested(self), list[Guess]()
+        self._first = first
 
-    @cached_property
-    def first(self) -> FirstLook:
-        """What is seen where it was pointed at."""
-        follower, picture = begun(self.source, self.scene)
-        return FirstLook(follower, picture, follower.next(picture, 0.0))
+    @property
+    def first(self) -> BodyFollower:
+        """One that has looked for the body in the first picture, and in no other."""
+        if self._first is None:
+            follower, picture = begun(self.source, self.scene)
+            follower.next(picture, 0.0)
+            self._first = follower.first_look
+        return self._first
 
     def guesses(self) -> Iterator[Guess]:
         """What the film itself suggests, tried one by one as they are asked for; those that were before come first."""

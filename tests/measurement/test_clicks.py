@@ -65,7 +65,7 @@ def looked(picture: np.ndarray, **hints: Any) -> BodyFollower:
 def test_a_click_beside_the_body_is_known_and_where_the_body_is(hints, name, places):
     """Such films were followed to their end, with a tip or a clamp 14 px off and more, or were told to put up another light."""
     picture = drawn()
-    found = aside(looked(picture, **hints), picture)
+    found = aside(looked(picture, **hints))
     assert (found.name if found else None) == name
     if found:
         assert np.abs(found.places.reshape(-1, 2).mean(axis=0) - places).max() < 5.0
@@ -76,7 +76,7 @@ def test_no_click_is_called_wrong_where_the_rest_of_the_body_looks_like_the_wall
     """Then nothing as long as the tube ends elsewhere."""
     picture = drawn()
     picture[140:202, 100:140] = picture[140:202, 40:80]
-    assert aside(looked(picture), picture) is None
+    assert aside(looked(picture)) is None
 
 
 def test_what_was_found_instead_is_tried_before_it_is_said():

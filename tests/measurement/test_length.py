@@ -178,11 +178,10 @@ def test_where_no_hint_helps_it_is_said_what_the_film_lacks(half, tip, wall, sai
     assert bool(told) == bool(said) and re.match(said, told)
 
 
-def test_a_body_that_bends_towards_the_camera_is_told_so(monkeypatch):
+def test_a_body_that_bends_towards_the_camera_is_told_so():
     """What turns within its own width in the first frame does not bend in the picture's plane: no hint mends that."""
-    looked = SimpleNamespace(next=lambda picture, time_s: "no_fit: the line that fits is folded, 26 mm from the clamp")
-    monkeypatch.setattr(trials, "begun", lambda source, scene: (looked, None))
-    told = advice.film_lacks(Trials(NO_FILM, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)), 1))
+    looked: Any = SimpleNamespace(refusal="no_fit: the line that fits is folded, 26 mm from the clamp")
+    told = advice.film_lacks(Trials(NO_FILM, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)), 1, first=looked))
     assert "turns there within its own width, as one does that bends towards the camera" in told
 
 

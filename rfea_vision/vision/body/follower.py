@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import closing
+from copy import copy, deepcopy
 from dataclasses import replace
 from itertools import product
 
@@ -91,6 +92,7 @@ class BodyFollower:
         clamp, line, half = scene.pointed(self.picture_scale)
         self._view = HeldView(clamp, line, half) if held else StillView(line, half, HeldView(clamp, line, half))
         self._views: deque[SeenFrom] = deque()  # of pictures that are still to come
+        self.first_look = self  # as it was after the first frame, when there was one
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
@@ -164,7 +166,11 @@ class BodyFollower:
         self.missed += bool(reason)
         if not reason:
             self._accept(lab, fit)
+        if not reason or self.frame == 0:
             self.shown = shown
+        if self.frame == 0:
+            self.first_look = copy(self)
+            self.first_look.wall = deepcopy(self.wall)
         return reason
 
     @property
