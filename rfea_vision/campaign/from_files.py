@@ -201,9 +201,8 @@ class _Draft:
         text = ""
         for key in keys:
             if key.value is None:
-                example, _, meaning = key.why.partition(": ")
-                text += f"  # {key.name}: {example}  # needed: {meaning}\n"
-                self.guesses.append(f"{where}.{key.name}: needed, and not guessed: {meaning}")
+                text += f"  # {key.name}: {key.example}  # needed: {key.why}\n"
+                self.guesses.append(f"{where}.{key.name}: needed, and not guessed: {key.why}")
                 continue
             text += f"  {key.name}: {flow(key.value)}" + (f"  # guessed: {key.why}" if key.why else "") + "\n"
             if key.why:
@@ -216,8 +215,12 @@ class _Draft:
         plane = next((path for path in pictures if re.search("plane|ebene", path.stem.lower())), None)
         boards = [path for path in called or pictures if path != plane]
         if not boards:
-            example = "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}"
-            return [Key("board", None, f"{example}: a board, with 'photos'; or 'scale'")]
+            board = "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}"
+            points = "two points of the first frame and what lies between them, where there is no board"
+            return [
+                Key("board", None, "a board, with 'photos' of it; or 'scale'", board),
+                Key("scale", None, points, "{points: [[x, y], [x, y]], distance: 155 mm}"),
+            ]
         corners = next((size for path in boards[:3] if (size := _corners(path)) is not None), None)
         seen = f"seen in {boards[0].name}" if corners else "of 'rfea board checkerboard-9x6-12mm'; none was recognised in the photos"
         board = {"kind": "checkerboard", "inner_corners": list(corners or (9, 6)), "square": "12 mm"}

@@ -41,12 +41,13 @@ _LONGEST_STEP_S = 0.5
 class Key:
     """A key of experiment.yaml or campaign.yaml; `why` says why the value was guessed and is empty where it is certain.
 
-    A value of None is one that nobody can guess: the line is written as a comment, with `why` as what is needed.
+    A value of None is one that nobody can guess: the line is written as a comment, with an `example`, and `why` as what is needed.
     """
 
     name: str
     value: Any
     why: str = ""
+    example: str = ""
 
 
 @dataclass(frozen=True)
@@ -351,17 +352,15 @@ def _poses(
     if points.positions.shape[2] == 3 or axes.value not in (None, ["x", "y"]):
         keys.append(axes)
     if points.unit in ("px", "pixels", ""):
-        keys.append(Key("scale", None, "0.25 mm: the length of one pixel; or a camera in campaign.yaml"))
+        keys.append(Key("scale", None, "the length of one pixel; or a camera in campaign.yaml", "0.25 mm"))
     if points.time_s is None and not clock:
-        keys.append(Key("rate", None, "100 Hz: of the frames, the file does not say it"))
+        keys.append(Key("rate", None, "of the frames, the file does not say it", "100 Hz"))
     return (*clock, *keys), actuator
 
 
 def _hanging(points: Points, order: Key) -> tuple[Key, tuple[Key, ...]]:
     """The axes to the camera's right and up along the tube, and what its ends tell of the tube, where both are named."""
-    unknown = Key(
-        "axes", None, "[x, -z]: the file's axes that point to the camera's right, and up along the hanging tube"
-    )
+    unknown = Key("axes", None, "the file's axes that point to the camera's right, and up along the hanging tube", "[x, -z]")
     if points.y_down or order.why != _BY_NAME:
         return unknown, ()
     ends = [[group] if isinstance(group, str) else group for group in (order.value[0], order.value[-1])]

@@ -175,6 +175,17 @@ def test_what_nobody_can_guess_is_asked_for(tmp_path):
     assert yaml.safe_load(text)["track"]["points"] == ["clamp", "tip"]
 
 
+def test_a_film_without_a_board_is_asked_for_one_or_for_a_scale_in_lines_that_can_be_uncommented(tmp_path):
+    """The board's line had been cut in two at its first colon."""
+    (tmp_path / "a.mkv").write_bytes(b"")
+    written = write_campaign_from(tmp_path / "tube", [tmp_path / "a.mkv"])
+    lines = (tmp_path / "tube" / "campaign.yaml").read_text().partition("camera:\n")[2].splitlines()
+    asked = yaml.safe_load("\n".join(line.replace("# ", "", 1) for line in lines))
+    assert asked["board"] == {"kind": "checkerboard", "inner_corners": [9, 6], "square": "12 mm"}
+    assert asked["scale"] == {"points": [["x", "y"], ["x", "y"]], "distance": "155 mm"}
+    assert "camera.board: needed, and not guessed: a board, with 'photos' of it; or 'scale'" in written.guesses
+
+
 def test_groups_of_markers_are_the_clamp_and_the_tip(tmp_path, shared_data):
     write_campaign_from(tmp_path / "beam", [shared_data / "clamped-beam"])
     text = (tmp_path / "beam" / "gravity-a" / "experiment.yaml").read_text()
