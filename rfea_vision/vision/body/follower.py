@@ -92,6 +92,7 @@ class BodyFollower:
         clamp, line, half = scene.pointed(self.picture_scale)
         self._view = HeldView(clamp, line, half) if held else StillView(line, half, HeldView(clamp, line, half))
         self._views: deque[SeenFrom] = deque()  # of pictures that are still to come
+        self.seen_from = SeenFrom(np.eye(2, 3), seen=True, stderr=np.zeros(3))
         self.first_look = self  # as it was after the first frame, when there was one
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
