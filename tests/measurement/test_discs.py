@@ -91,7 +91,7 @@ def test_another_arm_at_the_same_clamp_is_not_taken_for_one_that_is_not_seen():
     """An arm of discs that is gripped by another one: both look alike, but that one was there before."""
     line, other = middle_of(1.0), middle_of(-1.0)
     follower = lost(np.minimum(drawn(line), drawn(other)), line)
-    assert all(np.linalg.norm(found.points[-1] - other[-1]) > 4.0 * HALF for found in sought(follower, drawn(other)))
+    assert all(np.linalg.norm(found.points[-1] - other[-1]) > 2.0 * HALF for found in sought(follower, drawn(other)))
 
 
 def test_an_arm_that_was_lost_may_be_as_long_as_when_its_end_was_last_seen():

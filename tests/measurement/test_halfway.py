@@ -34,9 +34,9 @@ def looked_at(end: float, half: float) -> Behind:
 def test_the_edges_of_a_body_that_is_shaded_more_than_its_wall_are_its_edges(more):
     points = np.column_stack([np.linspace(10.0, 50.0, 9), np.full(9, LEFT)])
     normals = np.tile([0.0, 1.0], (9, 1))
-    inside = np.tile(np.stack([BODY, SHADED]), (9, 1, 1))
+    inside, flanks = np.tile(np.stack([BODY, SHADED]), (9, 1, 1)), np.tile(np.stack([BODY, SHADED]), (9, 2, 1, 1))
     outside = np.tile(np.stack([WALL, PLAIN]), (9, 2, 1, 1))
-    edges = measure_edges(looked_at(70.0, HALF + more), points, normals, np.full(9, HALF), inside, outside, 8.0)
+    edges = measure_edges(looked_at(70.0, HALF + more), points, normals, np.full(9, HALF), inside, flanks, outside, 8.0)
     assert np.isfinite(edges[:, :, 1]).all()
     assert np.abs(edges[:, :, 0] - more).max() < 0.1, "they were found to whole pixels"
 

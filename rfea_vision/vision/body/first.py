@@ -44,7 +44,7 @@ FIRST_TURNS, FREE_TURNS = 8, 2  # of an outline; in the last ones its width is f
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 # Of the edges, at most, by another beginning in place of one that is refused: of 163 real first frames pointed at three half widths
 # beside their bodies (seen) 21 more were found where it had only to leave fewer than the refused one, and two with this.
-ELSE_UNSEEN = 0.25
+ELSE_UNSEEN = 0.25  # and by that of a body with sides of another colour: on one side of a row of ribs there are gaps
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
 LENGTH_SPREAD = 0.1  # how well the length is known when the first frame is searched, and while nothing tells it: rubber grows
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
@@ -128,12 +128,19 @@ class FirstFrame:
         )  # fmt: skip
 
     def _outline(self, lines: list[FloatArray], base: FloatArray, rungs: list[Mark], end_held: bool) -> SeenBody:
-        """The best outline along these lines, of those that are as wide all along and, where less is seen, of those that are not."""
+        """The best outline along these lines, of those that are as wide all along and, where less is seen, of others.
+
+        Of bodies with sides of another colour, and of such that narrow or widen.
+        """
         body, unseen = None, np.inf
-        for end in (1.0, *OTHER_ENDS):
-            found, _, left = max((self._drawn(line, base, rungs, end, end_held) for line in lines), key=lambda way: way[1])
+        for end, sided in ((1.0, False), (1.0, True), *((end, False) for end in OTHER_ENDS)):
+            if sided and unseen <= 1.0 - WELL_SEEN:
+                continue
+            drawn = (self._drawn(line, base, rungs, end, end_held=end_held, sided=sided) for line in lines)
+            found, _, left = max(drawn, key=lambda way: way[1])
             wider = abs(float(middle(found.half[: SQUARE + 1])) / self.pointed.half - 1.0)
-            if body is None or (left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and wider < AS_POINTED):
+            most = min(ELSE_UNSEEN if sided else 1.0 - WELL_SEEN, LEFT_UNSEEN * unseen)
+            if body is None or (left < most and wider < AS_POINTED):
                 body, unseen = found, left
             if unseen == 0.0:
                 break
@@ -141,12 +148,13 @@ class FirstFrame:
         return body
 
     def _drawn(
-        self, line: FloatArray, base: FloatArray, rungs: list[Mark], end: float, end_held: bool
+        self, line: FloatArray, base: FloatArray, rungs: list[Mark], end: float, *, end_held: bool, sided: bool
     ) -> tuple[SeenBody, float, float]:
-        """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""
+        """The outline along a line, sought from one that narrows to a share `end`, or is `sided`; how well it is seen, how much not."""
         lab, pointed, half = self.lab, self.pointed, self.pointed.half
         width = half * (1.0 - (1.0 - end) * SHARES)
         body, fit = first_body(lab, line, width), None
+        body = replace(body, sides=body.flanks) if sided else body
         foot = np.array([base, leaving(pointed.clamp, line[:SQUARE])])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - FREE_TURNS:

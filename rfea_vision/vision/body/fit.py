@@ -169,8 +169,8 @@ class Evidence:
 
         After the first frame edges count less within a half width of the clamp, where rubber swells beside what holds it.
         """
-        seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
-        backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
+        seen, around = (self.wall.behind(self.picture), body.points, normals, body.half, body.inside), body.outside
+        backing, edges = support(*seen, around, 0.0), measure_edges(*seen, body.flanks, around, span)
         if self.edge_offsets is not None:
             edges[:, :, 0] -= self.edge_offsets
             edges[:, :, 1] += (AS_BEFORE * self.edge_offsets) ** 2
@@ -252,7 +252,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
 
 def beyond_half(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
     """How far (S, 2) px the edges of a body lie beyond its half width, by more than the pixel to which they are found; else 0."""
-    seen = wall.behind(picture), body.points, body.normals, body.half, body.inside, body.outside
+    seen = wall.behind(picture), body.points, body.normals, body.half, body.inside, body.flanks, body.outside
     edges = measure_edges(*seen, EDGE_REACH * float(middle(body.half)))
     offsets = np.where(np.isfinite(edges[:, :, 1]), edges[:, :, 0], 0.0)
     return offsets - np.clip(offsets, -1.0, 1.0)

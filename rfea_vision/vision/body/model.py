@@ -24,6 +24,7 @@ BEYOND_END = np.linspace(0.4, 1.2, 5)  # half widths: nearer to its end it is bl
 # Chosen, of what is read there: so much is of neither the body's colour nor that of what is around it, where a hose or a lamp begins.
 FIXED_SHARE = 0.15
 NOWHERE = 1e6  # in each channel: a colour that nothing has
+ACROSS_SIDE = np.array([[0.6, 0.7, 0.8], [0.8, 0.9, 1.0]])  # half widths: a layer may be thin, and an outline end at its inner edge
 ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
 LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
 AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
@@ -57,7 +58,8 @@ class SeenBody:
 
     A value: what is seen anew of it is another one, and what follows from it is worked out once.
 
-    `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours. `told` (S,) says where it can be told
+    `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours; `sides`, as `outside`, those next to its
+    edges, of a body that has others there: a face in the shade, a layer that does not stretch. `told` (S,) says where it can be told
     from the wall: elsewhere edges, skin and flow are those of the wall, and do not count. `beyond` (2, 3) is the colour of what is
     fixed to its end, a hose or a ball, where it is neither its own nor the wall's.
     """
@@ -66,8 +68,14 @@ class SeenBody:
     half: FloatArray
     inside: FloatArray
     outside: FloatArray
+    sides: FloatArray | None = None
     told: NDArray[np.bool_] = field(default_factory=lambda: np.ones(STATIONS, dtype=bool))
     beyond: FloatArray = field(default_factory=lambda: np.stack([np.full(3, NOWHERE), np.ones(3)]))
+
+    @cached_property
+    def flanks(self) -> FloatArray:
+        """Mean and variance (S, 2 sides, 2, 3) of the colours next to its edges: its own, or those of its `sides`."""
+        return np.stack([self.inside] * 2, axis=1) if self.sides is None else self.sides
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -179,7 +187,22 @@ def _onto_spline(count: int) -> FloatArray:
 
 def with_colours(picture: Picture, body: SeenBody) -> SeenBody:
     """The body with the colours that are read inside and around it."""
-    return replace(body, inside=_colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE), outside=_colours_around(picture, body))
+    body = replace(body, inside=_colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE), outside=_colours_around(picture, body))
+    return body if body.sides is None else replace(body, sides=_sides(picture, body))
+
+
+def _sides(picture: Picture, body: SeenBody) -> FloatArray:
+    """Mean and variance (S, 2 sides, 2, 3) of the colours next to the edges.
+
+    The outermost that surely are neither the body's nor the wall's; the body's own where there are none.
+    """
+    sides = np.stack([body.inside] * 2, axis=1)
+    known = np.stack([sides[:, :, 0], body.outside[:, :, 0]])
+    for across in ACROSS_SIDE:
+        seen = np.stack([_colours(picture, body, sign * across, LEAST_VARIANCE) for sign in (1.0, -1.0)], axis=1)
+        apart = np.sum((seen[:, :, 0] - known) ** 2 / seen[:, :, 1], axis=3).min(axis=0)
+        sides = np.where((apart > 3.0 * CLEAR**2)[..., None, None], seen, sides)
+    return sides
 
 
 def with_beyond(picture: Picture, body: SeenBody) -> SeenBody:
@@ -237,7 +260,9 @@ def in_light(cleared: Picture, picture: Picture, body: SeenBody, backing: FloatA
     if np.any(alike):
         light = np.median(off[alike], axis=0)
         inside[:, 0] += LIGHT_GAIN * light + np.where(alike[:, None], OWN_GAIN * (off - light), 0.0)
-    return replace(body, inside=inside, outside=body.outside + LIGHT_GAIN * (_colours_around(picture, body) - body.outside))
+    sides = None if body.sides is None else body.sides + np.stack([inside - body.inside] * 2, axis=1)
+    outside = body.outside + LIGHT_GAIN * (_colours_around(picture, body) - body.outside)
+    return replace(body, inside=inside, sides=sides, outside=outside)
 
 
 def skin_of(picture: Picture, body: SeenBody) -> FloatArray:

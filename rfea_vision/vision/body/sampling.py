@@ -77,10 +77,10 @@ def _unlike(colour, known, spread):
 
 
 @lean
-def _evidence(seen, x, y, inside, outside, body, behind, colour):
-    """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3).
+def _evidence(seen, x, y, inside, flank, outside, body, aside, behind, colour):
+    """Evidence at a place that it is the body; `inside`, its `flank` and `outside` are means and variances (2, 3).
 
-    `body` and `behind` are what their variances add.
+    `body`, `aside` and `behind` are what their variances add.
     """
     picture, wall, times, relief = seen
     if not _read(picture, x, y, colour):
@@ -91,6 +91,9 @@ def _evidence(seen, x, y, inside, outside, body, behind, colour):
     for c in range(3):
         off = colour[c] - relief[i, j, c] - inside[0, c]
         body += 0.5 * off * off / inside[1, c]
+        off = colour[c] - relief[i, j, c] - flank[0, c]
+        aside += 0.5 * off * off / flank[1, c]
+    body = min(body, aside)
     if times[i, j] >= SEEN:
         off = colour[0] - wall[i, j, 0]
         if off < 0.0:
@@ -167,19 +170,20 @@ def _best_step(evidence, count, expected, spread, colours):
 
 
 @compiled
-def measure_edges(seen, points, normals, half, inside, outside, reach):
+def measure_edges(seen, points, normals, half, inside, flanks, outside, reach):
     """Edges to both sides of every station: (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
     colours, evidence, out = np.empty((256, 3)), np.empty(256), np.empty((points.shape[0], 2, 2))
     for s in range(points.shape[0]):
         body = _spread_of(inside[s])
         for side in range(2):
-            sign, behind = 1.0 if side == 0 else -1.0, _spread_of(outside[s, side])
+            sign, aside, behind = 1.0 if side == 0 else -1.0, _spread_of(flanks[s, side]), _spread_of(outside[s, side])
             first = max(half[s] - reach, 0.25 * half[s])
             count = min(int(half[s] + reach - first) + 1, 256)
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                evidence[k] = _evidence(seen, x, y, inside[s], outside[s, side], body, behind, colours[k])
+                known = inside[s], flanks[s, side], outside[s, side]
+                evidence[k] = _evidence(seen, x, y, *known, body, aside, behind, colours[k])
             at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach, colours)
             out[s, side, 0] = first + at - half[s]
             out[s, side, 1] = np.inf
@@ -204,7 +208,7 @@ def measure_end(seen, tip, tangent, half, inside, outside, beyond, reach):
             d = first + k
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
-            evidence[k] = _evidence(seen, x, y, inside, outside, body, behind, colours[k])
+            evidence[k] = _evidence(seen, x, y, inside, inside, outside, body, body, behind, colours[k])
             thing = min(_unlike(colours[k], beyond, fixed), STOPS) - min(_unlike(colours[k], inside, body), STOPS)
             evidence[k] = min(evidence[k], max(thing, -CLIP))
         at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half), colours)
@@ -223,7 +227,7 @@ def support(seen, points, normals, half, inside, outside, least):
             d = half[s] * (k - 3) * 0.22
             x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
             side = 0 if k >= 3 else 1
-            good += _evidence(seen, x, y, inside[s], outside[s, side], body, behind[side], colour) > least
+            good += _evidence(seen, x, y, inside[s], inside[s], outside[s, side], body, body, behind[side], colour) > least
         out[s] = good / 7.0
     return out
 
