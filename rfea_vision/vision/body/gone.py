@@ -26,7 +26,6 @@ from rfea_vision.vision.body.model import (
     frame_of,
     middle,
     robust_displacement,
-    skin_of,
 )
 from rfea_vision.vision.body.rules import LENGTHS
 from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
@@ -34,6 +33,8 @@ from rfea_vision.vision.body.shown import Shown, Window
 from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
 
+WITHIN_HALF = np.abs(ACROSS_TEXTURE) < 0.5
+INNER = ACROSS_TEXTURE[WITHIN_HALF]  # half widths: by these skins are compared, rims change with the outline
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_ALONG = np.arange(0, STATIONS, 2)  # stations: windows about those between hold what these hold
 FLOW_WINDOW = (17, 17)
@@ -96,7 +97,9 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
     gains, stretched = _stretch(beyond, known, body.length)
     ways = [replace(body, points=spaced(line, last.body.lengths, gained)) for gained in (0.0 * gains, gains)]
-    evenly, drawn = (_unlike(skin_of(wall.cleared(picture), way), last.skin) for way in ways)
+    shown = wall.cleared(picture)
+    skins = (read_strip(shown, way.points, way.normals, way.half, INNER) for way in ways)
+    evenly, drawn = (_unlike(skin, last.skin[:, WITHIN_HALF]) for skin in skins)
     if drawn < evenly:
         told[ALONG, ALONG] = stretched
     return ways[int(drawn < evenly)], told, float(known.sum() / textured.sum()) if textured.any() else 1.0
@@ -112,7 +115,8 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
     line = np.vstack([body.points, body.points[-1] + tried.max() * body.tangents[-1]])
     ways = at(line, np.outer(tried, SHARES).ravel()).reshape(len(tried), STATIONS, 2)
     normals, halves = frame_of(ways)[1].reshape(-1, 2), np.tile(body.half, len(ways))
-    skins = read_strip(shown, ways.reshape(-1, 2), normals, halves, ACROSS_TEXTURE)
+    skin = skin[:, WITHIN_HALF]
+    skins = read_strip(shown, ways.reshape(-1, 2), normals, halves, INNER)
     unlike = GRAIN + _unlike(skins.reshape(len(ways), *skin.shape)[:, body.told], skin[body.told])
 
     def stands_out(one: int) -> bool:
@@ -123,8 +127,8 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
 
 
 def _unlike(skins: FloatArray, before: FloatArray) -> FloatArray:
-    """How little (...) the inner half of skins (..., S, V, 3) is like what it was: grey levels, without a change of light."""
-    off = (skins - before)[..., np.abs(ACROSS_TEXTURE) < 0.5, :]
+    """How little (...) skins (..., S, V, 3) are like what they were: grey levels, without a change of light."""
+    off = skins - before
     off = np.ascontiguousarray(np.moveaxis(off, -1, -3)).reshape(*off.shape[:-3], 3, -1)
     return np.asarray(np.minimum(np.abs(off - middle(off)[..., None]), ALIKE).mean(axis=(-1, -2)))
 

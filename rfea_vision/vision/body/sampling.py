@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision.compiled import compiled, lean
+from rfea_vision.vision.compiled import compiled, inlined
 
 CLIP = 4.0  # of the evidence of one pixel
 STOPS = 25.0  # evidence against a colour, at which it stops to count: what is of neither colour says little
@@ -47,7 +47,7 @@ class Behind(NamedTuple):
     relief: NDArray[np.float32]
 
 
-@lean
+@inlined
 def _read(picture, x, y, out):
     """Bilinear colour at a place; False outside of the picture."""
     i, j = math.floor(y), math.floor(x)
@@ -61,13 +61,13 @@ def _read(picture, x, y, out):
     return True
 
 
-@lean
+@inlined
 def _spread_of(colours):
     """What the variances of a colour, (2, 3) with its mean, add to the evidence against it."""
     return 0.5 * (math.log(colours[1, 0]) + math.log(colours[1, 1]) + math.log(colours[1, 2]))
 
 
-@lean
+@inlined
 def _unlike(colour, known, spread):
     """Evidence against a colour of known mean and variance (2, 3), `spread` being what the variances add."""
     for c in range(3):
@@ -76,7 +76,7 @@ def _unlike(colour, known, spread):
     return spread
 
 
-@lean
+@inlined
 def _evidence(seen, x, y, inside, flank, outside, body, aside, behind, colour):
     """Evidence at a place that it is the body; `inside`, its `flank` and `outside` are means and variances (2, 3).
 
@@ -117,7 +117,7 @@ def _evidence(seen, x, y, inside, flank, outside, body, aside, behind, colour):
     return min(max(min(behind, STOPS) - min(body, STOPS), -CLIP), CLIP)
 
 
-@lean
+@inlined
 def _halfway(colours, place, count):
     """Where (in samples) the step after the sample `place` is half way between the colours (count, 3) on either side of it.
 
@@ -143,7 +143,7 @@ def _halfway(colours, place, count):
     return place + 0.5 + min(max(steps / contrast - BLUR, -1.0), 1.0)
 
 
-@lean
+@inlined
 def _best_step(evidence, count, expected, spread, colours):
     """Place (in samples) of the step from body to wall; its quality, negative where there is none."""
     best, place, total = -1e300, 0, 0.0
@@ -179,10 +179,10 @@ def measure_edges(seen, points, normals, half, inside, flanks, outside, reach):
             sign, aside, behind = 1.0 if side == 0 else -1.0, _spread_of(flanks[s, side]), _spread_of(outside[s, side])
             first = max(half[s] - reach, 0.25 * half[s])
             count = min(int(half[s] + reach - first) + 1, 256)
+            known = inside[s], flanks[s, side], outside[s, side]
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                known = inside[s], flanks[s, side], outside[s, side]
                 evidence[k] = _evidence(seen, x, y, *known, body, aside, behind, colours[k])
             at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach, colours)
             out[s, side, 0] = first + at - half[s]
@@ -328,7 +328,7 @@ def learn_wall(picture, mask, wall, times, top, bottom, left, right):
                 times[i, j] = min(n, 1000)
 
 
-@lean
+@inlined
 def _least_unlike(colour, known, spreads, weights):
     """The least evidence against a colour by known ones (n, 2, 3), from what their variances add (n,) and weigh (n, 3)."""
     least = np.inf
