@@ -232,8 +232,12 @@ def learnt_end(rays: FloatArray, half_px: float, pointed_px: float, variance: fl
 
     It was pointed at beside its end, or its line has slipped since, by so much (1 s.d., and the variance, px^2): as either is likely.
     """
-    clear = np.ptp(rays) < END_LEVEL * half_px and abs(np.median(rays)) < END_NEAR * half_px  # not so where a ray is NaN
-    return rays - variance / (pointed_px**2 + variance) * np.median(rays) if clear else None
+    return rays - variance / (pointed_px**2 + variance) * np.median(rays) if clear_end(rays, half_px) else None
+
+
+def clear_end(rays: FloatArray, half_px: float) -> bool:
+    """Whether all rays (RAYS,) px see one end, and near where it was expected."""
+    return bool(np.ptp(rays) < END_LEVEL * half_px and abs(np.median(rays)) < END_NEAR * half_px)  # not so where a ray is NaN
 
 
 def as_pointed(

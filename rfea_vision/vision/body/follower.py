@@ -26,6 +26,7 @@ from rfea_vision.vision.body.first import (
     WELL_SEEN,
     Begun,
     FirstFrame,
+    clear_end,
     end_seen,
     held_near,
     learnt_end,
@@ -43,10 +44,11 @@ from rfea_vision.vision.body.fit import (
     beyond_half,
     fit_body,
 )
-from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, reached
+from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, led_to, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView, SeenFrom
 from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_numbers
+from rfea_vision.vision.body.look import AT_END, EndLook
 from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip
 from rfea_vision.vision.body.model import Picture, SeenBody, Sight, in_light, middle, skin_of
 from rfea_vision.vision.body.rules import First, in_front, refused
@@ -154,7 +156,7 @@ class BodyFollower:
         if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
             lines = self._reached(shown)  # it may have gone farther than was looked at
             lab = self.wall.look(shown, *self.looked_at(fit.body.points, *lines))
-            found = (self._judged(lab, self._fit(lab, *self._outlined(lab, line), 0.8)) for line in lines)
+            found = (self._judged(lab, self._fit(lab, *self._ended(lab, *self._outlined(lab, line)), 0.8)) for line in lines)
             anew = next((anew for anew in found if not anew.reason), fit)
             fit = anew if fit.reason or anew.likeness > fit.likeness else fit
         reason = fit.reason
@@ -312,8 +314,18 @@ class BodyFollower:
         if self.unseen:
             # Its end: it is as long as when that was last seen, within the lengths that it has had.
             stderr = self.lengths[1] - self.lengths[0] + STRETCH_SHARE * self.known_length
-            return held_to_length(near, covariance, self.known_length, stderr)
-        return near, covariance
+            near, covariance = held_to_length(near, covariance, self.known_length, stderr)
+        return self._ended(lab, near, covariance)
+
+    def _ended(self, lab: Picture, near: SeenBody, covariance: FloatArray) -> tuple[SeenBody, FloatArray]:
+        """A body foretold to a `covariance` (25, 25) px^2, led to where its end looks like what it was, and the covariance of that.
+
+        As foretold where its end is seen clear there: what was beyond it may have gone.
+        """
+        if near.untold or clear_end(end_seen(lab, self.wall, near, self.pointed.half), self.pointed.half):
+            return near, covariance
+        found = self.look.found(self.wall.cleared(lab), near, AT_END @ covariance @ AT_END.T)
+        return led_to(near, covariance, AT_END, *found)
 
     def _reached(self, shown: Shown) -> list[FloatArray]:
         """Where all is that looks like the body: stations as long as when its end was last seen, and as that is."""
@@ -353,6 +365,7 @@ class BodyFollower:
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
             self.first.fit, self.edge_offsets = fit, beyond_half(lab, self.wall, fit.body)
+            self.look = EndLook.of(lab, fit.body)
         self.good, self.missed = self.good + 1, 0
         lags = LAGS * (self.lengths[1] - self.lengths[0])
         if self.end_offsets is None and not self.body.untold:

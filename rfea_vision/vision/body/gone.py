@@ -28,7 +28,7 @@ from rfea_vision.vision.body.model import (
     robust_displacement,
 )
 from rfea_vision.vision.body.rules import LENGTHS
-from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
+from rfea_vision.vision.body.sampling import ALIKE, GRAIN, INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
 from rfea_vision.vision.body.shown import Shown, Window
 from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
@@ -47,11 +47,12 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 # Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
 # differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
-GRAIN = 1.5  # grey levels, chosen: noise, which compression may leave where it was for many pictures, tells nothing of a length
 WINDOW_SHARED = 8.0  # of these tell the same: in one window lie some four of a body of 65 stations, 2 to 8 px apart
 GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
+IN_LENGTH = np.zeros((1, UNKNOWNS))  # what the unknowns change a body's length by
+IN_LENGTH[0, ALONG] = ALONG_BASIS[-1] - ALONG_BASIS[0]
 COARSE = 2  # times smaller: so small a picture tells where a body of 24 px has gone
 REACHED = 1.5  # times as long as it is: what a body may be, so much of a way is looked at
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
@@ -169,11 +170,24 @@ def held_to_length(body: SeenBody, covariance: FloatArray, length: float, stderr
 
     The end of a smooth body has little to hold it: unseen, it stayed behind where a cable crossed it.
     """
-    stretches = covariance[:, ALONG] @ (ALONG_BASIS[-1] - ALONG_BASIS[0])
-    gain = stretches / ((ALONG_BASIS[-1] - ALONG_BASIS[0]) @ stretches[ALONG] + stderr**2)
-    step = gain * (length - body.length)
+    variance = float((IN_LENGTH @ covariance @ IN_LENGTH.T)[0, 0])
+    share = variance / (variance + stderr**2)
+    return led_to(body, covariance, IN_LENGTH, np.array([share * (length - body.length)]), np.array([[share * stderr**2]]))
+
+
+def led_to(
+    body: SeenBody, covariance: FloatArray, rows: FloatArray, moved: FloatArray, known: FloatArray
+) -> tuple[SeenBody, FloatArray]:
+    """A body foretold to a `covariance` (25, 25) px^2, and what it is if what `rows` (n, 25) make of its unknowns has `moved` (n,) px.
+
+    As far as that is `known` (n, n), px^2; the rest of it is led along.
+    """
+    together = rows @ covariance
+    foretold = together @ rows.T
+    gain = np.linalg.solve(foretold, together).T
+    step = gain @ moved
     shift = (ALONG_BASIS @ step[ALONG])[:, None] * body.tangents + (NORMAL_BASIS @ step[NORMAL])[:, None] * body.normals
-    return replace(body, points=body.points + shift), covariance - np.outer(gain, stretches)
+    return replace(body, points=body.points + shift), covariance + gain @ (known - foretold) @ gain.T
 
 
 def reached(

@@ -30,6 +30,8 @@ LEAST_CONTRAST = 4.0  # two standard deviations, squared
 EDGE_PX = 0.4  # standard error of an edge of full contrast
 RAYS = 7  # along the body through its end
 RAY_REACH = 0.6  # of the half width: the outermost rays
+GRAIN = 1.5  # grey levels, chosen: noise, which compression may leave where it was for many pictures, tells nothing
+QUIET = 5.0  # grey levels: by less a look differs by noise, which may stay where it was, and shading
 ALIKE = 15.0  # grey levels: what differs by more is another skin
 NOISE_SLOPE = 1.5  # grey levels per pixel
 WITHIN = 0.8  # half widths: what lies farther out changes with the outline, which looks the same all along the body
@@ -313,6 +315,33 @@ def match_skin(picture, points, normals, half, across, skin, slopes, variance, s
                 pull[s, 1] -= weight * gt * off
                 pull[s, 2] -= weight * gw * off
     return information, pull, alike
+
+
+@compiled
+def unlikeness(strip, look):
+    """How little like a `look` (n, v, 3) each place (N - n + 1, V - v + 1) of a strip (N, V, 3) is: grey levels.
+
+    Without a change of light.
+    """
+    out = np.empty((strip.shape[0] - look.shape[0] + 1, strip.shape[1] - look.shape[1] + 1))
+    count = look.shape[0] * look.shape[1]
+    for d in range(out.shape[0]):
+        for a in range(out.shape[1]):
+            total = 0.0
+            for c in range(3):
+                light = 0.0
+                for _ in range(3):  # what differs by more than `ALIKE` is something else, and tells little of the light
+                    more = 0.0
+                    for i in range(look.shape[0]):
+                        for j in range(look.shape[1]):
+                            off = strip[d + i, a + j, c] - look[i, j, c] - light
+                            more += min(max(off, -ALIKE), ALIKE)
+                    light += more / count
+                for i in range(look.shape[0]):
+                    for j in range(look.shape[1]):
+                        total += min(max(abs(strip[d + i, a + j, c] - look[i, j, c] - light) - QUIET, 0.0), ALIKE)
+            out[d, a] = total / (3.0 * count)
+    return out
 
 
 @compiled
