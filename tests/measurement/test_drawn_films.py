@@ -31,8 +31,8 @@ def test_a_drawn_film_is_read_to_its_end(seed, holds, error, tmp_path):
 
 
 def test_a_film_that_is_lost_is_read_once_one_has_pointed_again(tmp_path):
-    """A strip on edge before a cutting mat: from some 40 frames on its end is lost, and what follows is refused."""
-    scene = draw(349)
+    """A tube with printed marks that curls up: its last frames are refused. (A strip on edge that was, 349, is read without.)"""
+    scene = draw(471)
     truth = film(tmp_path / "film.mp4", scene)
     source, rng = open_video(tmp_path / "film.mp4"), np.random.default_rng(0)
     calibration, tube, hints = pointed_by_hand(truth, source.size)
