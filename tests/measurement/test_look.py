@@ -36,7 +36,7 @@ def endless(line: np.ndarray, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("frames", [10, 20])
 @pytest.mark.parametrize("grown", [0.25, -0.2])
 def test_a_smooth_body_that_grows_is_followed_to_the_cap_at_its_end(grown, frames):
-    """Nothing told how long it was: its line stayed as long as before, two half widths off, and was sure of it to a fifth of one."""
+    """Nothing told how long it was: its line stayed as long, up to two half widths off, and was sure of it to a fifth of one."""
     follower, off = follower_of(middle_of(0.0, 100.0)), np.inf
     for k in range(frames + 2):
         line = middle_of(0.0, 100.0 * (1.0 + grown * max(k - 1, 0) / frames))

@@ -20,7 +20,9 @@ BEFORE, BEYOND, BESIDE = 12, 6, 7
 AHEAD, ASIDE = 15, 3  # places by which it is looked for farther along the line, and across it, to either side
 # Pieces of it that differ independently, each half a half width long and wide; 20 to 30 tell most of the same ends.
 PIECES = 20.0
-STRAYS = 0.01  # chosen: how often a body is not where it was foretold, but anywhere within reach
+# How often a body is not where it was foretold, but anywhere within reach: 0.05 at first, until an end before a plate of its colour
+# went astray by the plate's edge (tests/measurement/test_ends.py).
+STRAYS = 0.01
 AT_END = np.zeros((2, UNKNOWNS))  # what the unknowns move the end by, across the body and along it
 AT_END[0, NORMAL], AT_END[1, ALONG] = NORMAL_BASIS[-1], ALONG_BASIS[-1]
 _OFF = np.stack(np.meshgrid(np.arange(-ASIDE, ASIDE + 1), np.arange(-AHEAD, AHEAD + 1)), axis=-1).reshape(-1, 2) / STEPS
