@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from rfea_vision.vision.body.begin import first_body
 from rfea_vision.vision.body.fit import UNKNOWNS, Evidence, fit_body
-from rfea_vision.vision.body.marks import along_line, find_marks, marks_in, place_of
+from rfea_vision.vision.body.marks import Mark, SeenMark, along_line, find_marks, marks_in, place_of, row_apart
 from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
+from tests.measurement.test_gone import HALF, drawn, follower_of, middle_of
 
 RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)
 
@@ -221,3 +224,23 @@ def test_a_cap_as_wide_as_the_body_holds_it_along_itself_alone():
     fit = fit_body(evidence, body, 1e2 * np.eye(UNKNOWNS), 8.0)
     assert np.abs(fit.body.points[50:, 0] - 59.5).max() < 0.5
     assert fit.body.points[-1, 1] == pytest.approx(180.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("colours", "apart"), [((RED,) * 4, 0.2), ((RED, RED), 0.0), ((RED, GREEN, RED, GREEN), 0.0), ((GREEN, RED, RED, RED), 0.2)]
+)
+def test_marks_of_a_row_may_be_taken_for_the_next_one_and_those_of_other_colours_not(colours, apart):
+    marks = [Mark(0.2 * k, 0.0, lab_of(colour)[1:], lab_of(GREY)[1:], 50.0, False, False) for k, colour in enumerate(colours)]
+    assert row_apart([SeenMark(mark, np.zeros(2), 1.0) for mark in marks]) == pytest.approx(apart)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_row_of_marks_whose_skin_is_elsewhere_may_have_slipped_by_one(told):
+    """A spine with nine ribs, six of which are marks: taken for the next ones, they had its end off by one or two, and sure of it."""
+    follower = follower_of(middle_of(0.0, 110.0))
+    assert follower.next(drawn(middle_of(0.0, 110.0), np.full(65, HALF)), 0.0) == ""
+    marks = [Mark(share, 0.0, lab_of(RED)[1:], lab_of(GREY)[1:], 50.0, False, False) for share in (0.5, 0.7, 0.9)]
+    material = [SeenMark(mark, np.zeros(2), 1.0) for mark in marks]
+    fit = replace(follower.first.fit, material=material, told=told, end=np.full(7, np.nan))
+    doubt = follower._slipped(fit, np.empty(0), level=False) ** 0.5
+    assert (doubt > 0.19 * fit.body.length) == (not told)

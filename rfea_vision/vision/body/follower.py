@@ -44,12 +44,12 @@ from rfea_vision.vision.body.fit import (
     beyond_half,
     fit_body,
 )
-from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, as_long, flown, held_to_length, led_to, reached
+from rfea_vision.vision.body.gone import CARRIED, UNIFORMLY, flown, held_to_length, led_to, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView, SeenFrom
 from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_numbers
-from rfea_vision.vision.body.look import AT_END, EndLook
-from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip
+from rfea_vision.vision.body.look import AT_END, EndLook, as_long
+from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip, row_apart
 from rfea_vision.vision.body.model import Picture, SeenBody, Sight, in_light, middle, skin_of
 from rfea_vision.vision.body.rules import First, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
@@ -192,6 +192,8 @@ class BodyFollower:
         fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
         if self.first.fit is not None:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
+        if self.good:
+            fit.told, fit.another = as_long(self.wall.cleared(lab), fit.body, self.skin.colours, self.first.length)[1:]
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         broken = refused(self.first, fit, lost=lost, vouched=self.again is not None)
@@ -306,7 +308,7 @@ class BodyFollower:
         near, told, carried = flown(self.last, lab, self.wall, self.foot[0])
         told[ALONG, ALONG] *= TRUSTED
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
-            near, _ = as_long(lab, self.wall, near, self.skin.colours, self.first.length)
+            near = as_long(self.wall.cleared(lab), near, self.skin.colours, self.first.length).likeliest
             spread, told[ALONG, ALONG] = self._spread(LENGTH_SPREAD), 0.0
         covariance = np.asarray(np.linalg.inv(np.linalg.inv(spread) + told), dtype=float)
         gone = TO_NORMAL @ np.sum((near.points - last.points) * last.normals, axis=1)
@@ -338,6 +340,25 @@ class BodyFollower:
         near = self._fit(lab, replace(self.body, points=line), spread, 1.2, skin=False, covariance=self.pointed.covariance)
         return near.body, self._spread((near.body.length - self.body.length) / self.known_length)
 
+    def _slipped(self, fit: Fit, end: FloatArray, *, level: bool) -> float:
+        """Variance, px^2, of how far an end may lie along its body off where the fit has it, beyond what the covariance of that says.
+
+        `end` (n,) are the rays that see it, and `level` is whether most do, and alike.
+        """
+        beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
+        slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
+        slipped += 0.0 if level or self.again is None else self.pointed.stderr**2
+        if self.good:
+            slipped += fit.another**2  # two sorts of evidence disagree
+            if not (level or fit.told or self.again is not None):  # a row of marks may have slipped by one
+                slipped += (row_apart(fit.material) * fit.body.length) ** 2
+            if self.end_offsets is None:
+                self.guessed += not fit.told and not fit.material
+                grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
+                grown = float(np.hypot(grown, 0.0 if fit.told else LENGTH_SPREAD * fit.body.length))
+                slipped += 1.0 / (fit.told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
+        return slipped + (float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0)  # rays, or what was carried, are off by that
+
     def _accept(self, lab: Picture, fit: Fit) -> None:
         end = fit.end[np.isfinite(fit.end)]
         level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed.half)
@@ -346,18 +367,8 @@ class BodyFollower:
         # Found again, it may lie off by a disc: until most rays see its end alike, it may as well be as long as when they last did.
         self.lost = (self.lost or self.missed > 0) and not told
         self.known_length = self.known_length if self.good and not told else fit.body.length
-        beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
-        slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
-        if self.again is not None:
-            self.told_tip = fit.body.points[-1]
-            slipped += 0.0 if level else self.pointed.stderr**2
-        if self.good and self.end_offsets is None:
-            _, alike = as_long(lab, self.wall, fit.body, self.skin.colours, self.first.length)
-            self.guessed += not alike and not fit.material
-            grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
-            grown = float(np.hypot(grown, 0.0 if alike else LENGTH_SPREAD * fit.body.length))
-            slipped += 1.0 / (alike * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
-        slipped += float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0  # rays, or what was carried, are off by that
+        self.told_tip = self.told_tip if self.again is None else fit.body.points[-1]
+        slipped = self._slipped(fit, end, level=level)
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:

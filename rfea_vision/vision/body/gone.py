@@ -14,8 +14,8 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at, scaled
 from rfea_vision.vision.body.begin import PIECES, smooth_line
 from rfea_vision.vision.body.fit import ALONG, BENDING, NORMAL, TO_ALONG, UNKNOWNS
+from rfea_vision.vision.body.look import INNER, WITHIN_HALF, skin_unlike
 from rfea_vision.vision.body.model import (
-    ACROSS_TEXTURE,
     ALONG_BASIS,
     NORMAL_BASIS,
     SHARES,
@@ -24,17 +24,13 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     Sight,
     frame_of,
-    middle,
     robust_displacement,
 )
-from rfea_vision.vision.body.rules import LENGTHS
-from rfea_vision.vision.body.sampling import ALIKE, GRAIN, INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
+from rfea_vision.vision.body.sampling import INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
 from rfea_vision.vision.body.shown import Shown, Window
 from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
 
-WITHIN_HALF = np.abs(ACROSS_TEXTURE) < 0.5
-INNER = ACROSS_TEXTURE[WITHIN_HALF]  # half widths: by these skins are compared, rims change with the outline
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_ALONG = np.arange(0, STATIONS, 2)  # stations: windows about those between hold what these hold
 FLOW_WINDOW = (17, 17)
@@ -44,9 +40,6 @@ FLOW_SCATTER = 4.0  # grey levels: how skin differs from the last picture's
 # Of the length, and px, 1 s.d.: chosen wide, bellows filled at once stretch by 5 % from one picture to the next.
 FLOW_STRETCH, FLOW_SLIP = 0.05, 0.3
 CARRIED = 0.25  # of what slopes along the body tell: in six real films flow carried 0.28 of it and more, but at two cuts (0.03, 0.12)
-# Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
-# differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
-LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
 WINDOW_SHARED = 8.0  # of these tell the same: in one window lie some four of a body of 65 stations, 2 to 8 px apart
 GRADUALLY = 0.25 * BENDING + 1e-4 * np.eye(len(BENDING))  # px^-2, information on how a body moves across itself, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
@@ -100,38 +93,10 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     ways = [replace(body, points=spaced(line, last.body.lengths, gained)) for gained in (0.0 * gains, gains)]
     shown = wall.cleared(picture)
     skins = (read_strip(shown, way.points, way.normals, way.half, INNER) for way in ways)
-    evenly, drawn = (_unlike(skin, last.skin[:, WITHIN_HALF]) for skin in skins)
+    evenly, drawn = (skin_unlike(skin, last.skin[:, WITHIN_HALF]) for skin in skins)
     if drawn < evenly:
         told[ALONG, ALONG] = stretched
     return ways[int(drawn < evenly)], told, float(known.sum() / textured.sum()) if textured.any() else 1.0
-
-
-def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, length: float) -> tuple[SeenBody, bool]:
-    """The body stretched evenly along its line, or straight on beyond it, to where it looks most like a skin (S, V, 3) of before.
-
-    To any of `LENGTHS` of its `length` px then; as it is where none of them stands out, for ribs look alike, and smooth skin does.
-    And whether its skin tells how long it is: no other length looks nearly as much like it.
-    """
-    tried, shown = np.append(length * np.linspace(*LENGTHS, LENGTHS_TRIED), body.length), wall.cleared(picture)
-    line = np.vstack([body.points, body.points[-1] + tried.max() * body.tangents[-1]])
-    ways = at(line, np.outer(tried, SHARES).ravel()).reshape(len(tried), STATIONS, 2)
-    normals, halves = frame_of(ways)[1].reshape(-1, 2), np.tile(body.half, len(ways))
-    skin = skin[:, WITHIN_HALF]
-    skins = read_strip(shown, ways.reshape(-1, 2), normals, halves, INNER)
-    unlike = GRAIN + _unlike(skins.reshape(len(ways), *skin.shape)[:, body.told], skin[body.told])
-
-    def stands_out(one: int) -> bool:
-        return bool(unlike[one] < CLEARLY * unlike[np.abs(tried / tried[one] - 1.0) > ANOTHER_LENGTH].min())
-
-    best = int(np.argmin(unlike))
-    return replace(body, points=ways[best]) if stands_out(best) else body, stands_out(LENGTHS_TRIED)
-
-
-def _unlike(skins: FloatArray, before: FloatArray) -> FloatArray:
-    """How little (...) skins (..., S, V, 3) are like what they were: grey levels, without a change of light."""
-    off = skins - before
-    off = np.ascontiguousarray(np.moveaxis(off, -1, -3)).reshape(*off.shape[:-3], 3, -1)
-    return np.asarray(np.minimum(np.abs(off - middle(off)[..., None]), ALIKE).mean(axis=(-1, -2)))
 
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -255,6 +256,13 @@ def carried_by(found: Sequence[SeenMark], body: SeenBody) -> NDArray[np.bool_]:
 def ends_marked(found: Sequence[SeenMark], body: SeenBody) -> bool:
     """Whether the last of the marks that are seen lies before a body's end, and near it."""
     return bool(found) and 0.0 < (1.0 - found[-1].mark.share) * body.length < ENDING * float(middle(body.half))
+
+
+def row_apart(found: Sequence[SeenMark]) -> float:
+    """Share of the length by which the marks of a row of three and more lie apart, any of which may be taken for the next; else 0."""
+    pairs = [(one.mark, other.mark) for one, other in pairwise(found)]
+    apart = [other.share - one.share for one, other in pairs if np.abs(one.colour - other.colour).max() <= MARKED]
+    return median(apart) if len(apart) > 1 else 0.0
 
 
 def along_line(

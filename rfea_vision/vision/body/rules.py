@@ -111,7 +111,12 @@ def _unlike(first: First, fit: Fit) -> str:
 
 
 def _short(first: First, fit: Fit) -> str:
-    """The body does not go on beyond the line, up to where the rays find its end, or farther where they find none."""
+    """The body does not go on beyond the line, up to where the rays find its end, or farther where they find none.
+
+    What lies beyond an end that the skin tells is another thing that looks like it: its image in a table, a hose.
+    """
+    if fit.told:
+        return ""
     seen = fit.end[np.isfinite(fit.end)].tolist()
     if first.fit is not None and 2 * len(seen) < len(fit.end) and _nearly_on(fit) - _nearly_on(first.fit) > MOST:
         return "the tube goes on beyond the line's end, and where it ends is not seen"
