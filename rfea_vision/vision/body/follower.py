@@ -353,7 +353,6 @@ class BodyFollower:
             if not (level or fit.told or self.again is not None):  # a row of marks may have slipped by one
                 slipped += (row_apart(fit.material) * fit.body.length) ** 2
             if self.end_offsets is None:
-                self.guessed += not fit.told and not fit.material
                 grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
                 grown = float(np.hypot(grown, 0.0 if fit.told else LENGTH_SPREAD * fit.body.length))
                 slipped += 1.0 / (fit.told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
@@ -369,6 +368,7 @@ class BodyFollower:
         self.known_length = self.known_length if self.good and not told else fit.body.length
         self.told_tip = self.told_tip if self.again is None else fit.body.points[-1]
         slipped = self._slipped(fit, end, level=level)
+        self.guessed += self.good > 0 and self.end_offsets is None and not fit.told and not fit.material
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
