@@ -241,6 +241,6 @@ def test_a_row_of_marks_whose_skin_is_elsewhere_may_have_slipped_by_one(told):
     assert follower.next(drawn(middle_of(0.0, 110.0), np.full(65, HALF)), 0.0) == ""
     marks = [Mark(share, 0.0, lab_of(RED)[1:], lab_of(GREY)[1:], 50.0, False, False) for share in (0.5, 0.7, 0.9)]
     material = [SeenMark(mark, np.zeros(2), 1.0) for mark in marks]
-    fit = replace(follower.first.fit, material=material, told=told, end=np.full(7, np.nan))
+    fit = replace(follower.first.fit, material=material, length_told=told, end=np.full(7, np.nan))
     doubt = follower._slipped(fit, np.empty(0), level=False) ** 0.5
     assert (doubt > 0.19 * fit.body.length) == (not told)

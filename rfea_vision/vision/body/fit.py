@@ -110,7 +110,7 @@ class Fit:
     beyond : (8,) share of what is beyond its end that does, ever farther
     reason : why it is no measurement; empty where it is one
     off : px by which its line may lie off its middle, where it does most: by its edges, and by what lies beside it
-    told : whether its skin tells how long it is: no other length looks nearly as much like the first frame's
+    length_told : whether its skin tells how long it is: no other length looks nearly as much like the first frame's
     another : px, how much longer it is by its skin, where that surely is another length; else 0
     shown : px^-2, what its skin tells of how far its end has gone along the body, if that stretches evenly
     """
@@ -125,7 +125,7 @@ class Fit:
     beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
     reason: str = ""
     off: float = 0.0
-    told: bool = False
+    length_told: bool = False
     another: float = 0.0
     shown: float = 0.0
 

@@ -193,7 +193,7 @@ class BodyFollower:
         if self.first.fit is not None:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
         if self.good:
-            fit.told, fit.another = as_long(self.wall.cleared(lab), fit.body, self.skin.colours, self.first.length)[1:]
+            fit.length_told, fit.another = as_long(self.wall.cleared(lab), fit.body, self.skin.colours, self.first.length)[1:]
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         broken = refused(self.first, fit, lost=lost, vouched=self.again is not None)
@@ -350,12 +350,12 @@ class BodyFollower:
         slipped += 0.0 if level or self.again is None else self.pointed.stderr**2
         if self.good:
             slipped += fit.another**2  # two sorts of evidence disagree
-            if not (level or fit.told or self.again is not None):  # a row of marks may have slipped by one
+            if not (level or fit.length_told or self.again is not None):  # a row of marks may have slipped by one
                 slipped += (row_apart(fit.material) * fit.body.length) ** 2
             if self.end_offsets is None:
                 grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
-                grown = float(np.hypot(grown, 0.0 if fit.told else LENGTH_SPREAD * fit.body.length))
-                slipped += 1.0 / (fit.told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
+                grown = float(np.hypot(grown, 0.0 if fit.length_told else LENGTH_SPREAD * fit.body.length))
+                slipped += 1.0 / (fit.length_told * fit.shown + 1.0 / max(beyond * grown, 1e-3) ** 2)
         return slipped + (float(np.median(end)) ** 2 if len(end) >= RAYS // 2 else 0.0)  # rays, or what was carried, are off by that
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
@@ -368,7 +368,7 @@ class BodyFollower:
         self.known_length = self.known_length if self.good and not told else fit.body.length
         self.told_tip = self.told_tip if self.again is None else fit.body.points[-1]
         slipped = self._slipped(fit, end, level=level)
-        self.guessed += self.good > 0 and self.end_offsets is None and not fit.told and not fit.material
+        self.guessed += self.good > 0 and self.end_offsets is None and not fit.length_told and not fit.material
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:

@@ -115,7 +115,7 @@ def _short(first: First, fit: Fit) -> str:
 
     What lies beyond an end that the skin tells is another thing that looks like it: its image in a table, a hose.
     """
-    if fit.told:
+    if fit.length_told:
         return ""
     seen = fit.end[np.isfinite(fit.end)].tolist()
     if first.fit is not None and 2 * len(seen) < len(fit.end) and _nearly_on(fit) - _nearly_on(first.fit) > MOST:
