@@ -26,7 +26,6 @@ from rfea_vision.vision.body.model import (
     STATIONS,
     Picture,
     SeenBody,
-    Skin,
     frame_of,
     middle,
     told_from_wall,
@@ -35,6 +34,7 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.rules import elsewhere
 from rfea_vision.vision.body.sampling import RAYS
+from rfea_vision.vision.body.skin import Skin
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.find.begin import POINTING_PX, beside
 

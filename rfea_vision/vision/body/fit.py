@@ -21,7 +21,6 @@ from rfea_vision.vision.body.around import BEYOND
 from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, at_stations
 from rfea_vision.vision.body.marks import SeenMark, carried_by, ends_marked, place_of
 from rfea_vision.vision.body.model import (
-    ACROSS_TEXTURE,
     ALONG_BASIS,
     NORMAL_BASIS,
     SHARES,
@@ -29,11 +28,11 @@ from rfea_vision.vision.body.model import (
     WIDTH_BASIS,
     Picture,
     SeenBody,
-    Skin,
     gradual,
     middle,
 )
-from rfea_vision.vision.body.sampling import RAY_REACH, RAYS, match_skin, measure_edges, measure_end, support
+from rfea_vision.vision.body.sampling import RAY_REACH, RAYS, measure_edges, measure_end, support
+from rfea_vision.vision.body.skin import Skin
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import basis_matrix
 
@@ -150,7 +149,7 @@ class Evidence:
     rest_half : (S,) px half width in the first frame
     skin : of the first frame; None while unknown
     edge_offsets : (S, 2) px how far beyond the half width the edges were in the first frame: ends are cut aslant, and ribs are finer
-        than splines; None while unknown
+        than splines, NaN where there are none; None while unknown
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     marks : points of the material that their colour has found
     lost : since the last frame that was measured others were not
@@ -166,33 +165,29 @@ class Evidence:
     marks: Sequence[SeenMark] = ()
     lost: bool = False
 
-    def add_outline(
-        self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, lengths: FloatArray, span: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def add_outline(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, span: float) -> tuple[FloatArray, FloatArray]:
         """Both edges (S, 2, 2), looked for within `span` px, with their variances; how much (S,) of the inside looks like the body.
 
         After the first frame edges count less within a half width of the clamp, where rubber swells beside what holds it.
         """
-        seen, around = (self.wall.behind(self.picture), body.points, normals, body.half, body.inside), body.outside
+        seen, around = (self.wall.behind(self.picture), body.points, body.normals, body.half, body.inside), body.outside
         backing, edges = support(*seen, around, 0.0), measure_edges(*seen, body.flanks, around, span)
         if self.edge_offsets is not None:
             edges[:, :, 0] -= self.edge_offsets
             edges[:, :, 1] += (AS_BEFORE * self.edge_offsets) ** 2
-        held = np.clip(lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
+        held = np.clip(body.lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
         leans = SYSTEMATIC * float(middle(body.half)) if self.marks else 0.0
         _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
         return edges, backing
 
-    def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, slips: FloatArray) -> float:
+    def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, slips: FloatArray) -> float:
         """The skin of an earlier frame, which counts where enough of it is recognised, `slips` (S,) px along the body at most.
 
         Returns what it tells, px^-2, of the end of a body that stretches evenly.
         """
         if self.skin is None:
             return 0.0
-        place, skin = (body.points, normals, body.half, ACROSS_TEXTURE), self.skin
-        seen = match_skin(self.wall.cleared(self.picture), *place, skin.colours, skin.slopes, skin.variance, slips)
-        information, pull, alike = seen
+        information, pull, alike = self.skin.matched(self.wall.cleared(self.picture), body, slips)
         counts = body.told * np.clip((alike - 0.4) / 0.4, 0.0, 1.0)
         add_skin(matrix, vector, information, pull, counts, SKIN_FIRST, SKIN_VALUE)
         return float(counts @ (information[:, 2] * SHARES**2))
@@ -225,23 +220,22 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     shape = POINTED_SHAPE if evidence.skin is None else BENDING / HELD_SHAPE_PX**2 if evidence.lost else FORETOLD_SHAPE
     slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))  # px, along itself
     for turn in range(TURNS):
-        tangents, normals, lengths = body.tangents, body.normals, body.lengths
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
         matrix, vector = prior.copy(), -prior @ total
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
-        _add_shape(matrix, vector, body, normals, lengths, evidence.rest_half)
-        edges, backing = evidence.add_outline(matrix, vector, body, normals, lengths, span)
-        shown = evidence.add_skin(matrix, vector, body, normals, slips)
-        _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], lengths[-1], evidence.rest_half)
-        _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
+        _add_shape(matrix, vector, body, evidence.rest_half)
+        edges, backing = evidence.add_outline(matrix, vector, body, span)
+        shown = evidence.add_skin(matrix, vector, body, slips)
+        _add_clamp(matrix, vector, body, evidence.clamp, evidence.rest_half)
+        _add_marks(matrix, vector, body, evidence.marks)
         before = matrix.copy(), vector.copy()
         end = evidence.add_end(matrix, vector, body, reach)
         step = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
-        if _pulled_off(evidence.marks, body, tangents, step, end):
+        if _pulled_off(evidence.marks, body, step, end):
             matrix, step = before[0], np.asarray(np.linalg.solve(*before), dtype=float)
         total += step
-        shift = (NORMAL_BASIS @ step[NORMAL])[:, None] * normals + (ALONG_BASIS @ step[ALONG])[:, None] * tangents
+        shift = (NORMAL_BASIS @ step[NORMAL])[:, None] * body.normals + (ALONG_BASIS @ step[ALONG])[:, None] * body.tangents
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
         half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
         body = replace(body, points=body.points + shift * limit, half=half)
@@ -255,11 +249,15 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
 
 
 def beyond_half(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
-    """How far (S, 2) px the edges of a body lie beyond its half width, by more than the pixel to which they are found; else 0."""
+    """How far (S, 2) px the edges of a body lie beyond its half width, by more than the pixel to which they are found; else 0.
+
+    NaN where none is seen within a half width of its end: that is round, and in later frames its face would be taken for one.
+    """
+    half = float(middle(body.half))
     seen = wall.behind(picture), body.points, body.normals, body.half, body.inside, body.flanks, body.outside
-    edges = measure_edges(*seen, EDGE_REACH * float(middle(body.half)))
-    offsets = np.where(np.isfinite(edges[:, :, 1]), edges[:, :, 0], 0.0)
-    return offsets - np.clip(offsets, -1.0, 1.0)
+    offsets, variance = np.moveaxis(measure_edges(*seen, EDGE_REACH * half), 2, 0)
+    offsets = np.where(np.isfinite(variance), offsets - np.clip(offsets, -1.0, 1.0), 0.0)
+    return np.where(np.isinf(variance) & (body.length - body.lengths < half)[:, None], np.nan, offsets)
 
 
 def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
@@ -282,49 +280,44 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
     return measure_end(wall.behind(picture), body.points[last], body.tangents[last], body.end_half, inside, outside, body.beyond, reach)
 
 
-def _add_shape(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, lengths: FloatArray, rest_half: FloatArray
-) -> None:
+def _add_shape(matrix: FloatArray, vector: FloatArray, body: SeenBody, rest_half: FloatArray) -> None:
     """Rubber bends and stretches gradually, and swells within limits, from `rest_half` (S,) px on.
 
     Third differences across and second differences along are small, and so is what the half width has gained.
     """
-    rest, length = float(middle(rest_half)), lengths[-1]
+    rest, length = float(middle(rest_half)), body.length
     swells = SWELLS * rest
     matrix[WIDTH, WIDTH] += np.eye(8) / swells**2
     vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
     spacing = length / (NORMAL_BASIS.shape[1] - 3)
     # No body bends anew within its own half width: in a short one the splines lie closer than that.
     sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / rest) ** 3
-    wiggle = np.sum((THIRD_OF @ body.points) * normals[MIDDLES], axis=1)
+    wiggle = np.sum((THIRD_OF @ body.points) * body.normals[MIDDLES], axis=1)
     matrix[NORMAL, NORMAL] += THIRD_TWICE / sigma**2
     vector[NORMAL] -= THIRD.T @ wiggle / sigma**2
     sigma = STRETCHES_GRADUALLY * length / (ALONG_BASIS.shape[1] - 3)
     matrix[ALONG, ALONG] += SECOND_TWICE / sigma**2
-    vector[ALONG] -= SECOND_OF @ lengths / sigma**2
+    vector[ALONG] -= SECOND_OF @ body.lengths / sigma**2
 
 
-def _add_clamp(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, clamp: FloatArray, tangent: FloatArray, length: float, rest_half: FloatArray
-) -> None:
+def _add_clamp(matrix: FloatArray, vector: FloatArray, body: SeenBody, clamp: FloatArray, rest_half: FloatArray) -> None:
     """The body begins where it was pointed at, squarely and as wide as it was: around a clamp there is tape, and a bracket."""
-    normal = np.array([-tangent[1], tangent[0]])
+    tangent, normal = body.tangents[0], body.normals[0]
     off = clamp[0] - body.points[0]
     turn = float(np.arctan2(normal @ clamp[1], tangent @ clamp[1]))
     gains = rest_half[0] - body.half[0]
     add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0])
     add_row(matrix, vector, ALONG.start, ALONG_BASIS[0], off @ tangent, CLAMP_PX)
-    add_row(matrix, vector, NORMAL.start, TURN_ROWS[0], turn * length, CLAMP_TURNS * length)
+    add_row(matrix, vector, NORMAL.start, TURN_ROWS[0], turn * body.length, CLAMP_TURNS * body.length)
     add_row(matrix, vector, WIDTH.start, WIDTH_BASIS[0], gains, CLAMP_SWELLS * rest_half[0])
 
 
-def _add_marks(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, marks: Sequence[SeenMark], tangents: FloatArray, normals: FloatArray
-) -> None:
+def _add_marks(matrix: FloatArray, vector: FloatArray, body: SeenBody, marks: Sequence[SeenMark]) -> None:
     """Marks hold the material where they are seen: on the scale of flow, which claims too much, along the body and across.
 
     Beyond one that is near its end a body goes straight on, to 0.1 rad on that scale: ends are closed by glue, and hardly bend.
     """
+    tangents, normals = body.tangents, body.normals
     for seen in marks:
         near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
         off, stderr = seen.place - place_of(seen.mark, body), TRUSTED**0.5 * seen.stderr
@@ -338,14 +331,14 @@ def _add_marks(
         add_row(matrix, vector, NORMAL.start, TURN_ROWS[-1] - TURN_ROWS[near], -turned * body.length, stderr)
 
 
-def _pulled_off(marks: Sequence[SeenMark], body: SeenBody, tangents: FloatArray, step: FloatArray, end: FloatArray) -> bool:
+def _pulled_off(marks: Sequence[SeenMark], body: SeenBody, step: FloatArray, end: FloatArray) -> bool:
     """Whether an `end` (RAYS,) that is seen off the line takes the material off a mark, by a step (25,): then it is another one."""
     found = end[np.isfinite(end)]
     if len(found) == 0 or abs(np.median(found)) < END_LEVEL * body.end_half:
         return False
     for seen in marks:
         near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
-        off = (seen.place - place_of(seen.mark, body)) @ tangents[near] - ALONG_BASIS[near] @ step[ALONG]
+        off = (seen.place - place_of(seen.mark, body)) @ body.tangents[near] - ALONG_BASIS[near] @ step[ALONG]
         if abs(off) > PULLED_OFF * seen.stderr:
             return True
     return False

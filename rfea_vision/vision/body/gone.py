@@ -26,8 +26,9 @@ from rfea_vision.vision.body.model import (
     frame_of,
     robust_displacement,
 )
-from rfea_vision.vision.body.sampling import INDEPENDENT, NOISE_SLOPE, look_alike, read_strip
+from rfea_vision.vision.body.sampling import look_alike, read_strip
 from rfea_vision.vision.body.shown import Shown, Window
+from rfea_vision.vision.body.skin import INDEPENDENT, NOISE_SLOPE
 from rfea_vision.vision.body.wall import Wall, covered, window_around
 from rfea_vision.vision.body.ways import middle_way
 

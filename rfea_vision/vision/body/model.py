@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL, scatter
-from rfea_vision.vision.body.sampling import read_slopes, read_strip
+from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix
 
 Picture = NDArray[np.uint8]
@@ -37,8 +37,6 @@ ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is near
 SAME_COLOUR = 2.0
 TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 CLEAR = 3.0  # standard deviations between two colours that are never confused
-SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
-SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
@@ -127,28 +125,6 @@ class SeenBody:
         off = np.linalg.norm(places[:, None] - self.points, axis=2)
         another = np.abs(self.lengths[:, None] - self.lengths) > ANOTHER_STRETCH * self.half
         return np.any((off < self.half) & another, axis=1)
-
-
-@dataclass
-class Skin:
-    """Colours (S, V, 3) of the first frame, by how much a pixel across the body and along changes them (S, V, 2, 3), and variance."""
-
-    colours: FloatArray
-    slopes: FloatArray
-    variance: FloatArray
-
-    @classmethod
-    def of(cls, picture: Picture, body: SeenBody) -> Skin:
-        """That of a body in a picture."""
-        colours = skin_of(picture, body)
-        slopes = read_slopes(picture, body.points, body.normals, body.half, ACROSS_TEXTURE)
-        return cls(colours, slopes, np.full_like(colours, SKIN_SCATTER**2))
-
-    def follow(self, seen: FloatArray) -> None:
-        """Let what is seen to change (S, V, 3), but for the light on all of a station, count less."""
-        off = seen - self.colours
-        off -= off.mean(axis=1, keepdims=True)
-        self.variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - self.variance)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What the picture says along the body: evidence of rubber against wall, edges, ends, and displaced texture. Compiled.
+"""What the picture says along the body: evidence of rubber against wall, edges, ends, and what looks alike. Compiled.
 
 Pictures are CIELAB, (h, w, 3) uint8; places are pixels of that picture. The evidence of a pixel is the logarithm of how
 much likelier its colour is on the body than on the wall, clipped, so that no pixel decides alone. Where the wall at that
@@ -33,11 +33,8 @@ RAY_REACH = 0.6  # of the half width: the outermost rays
 GRAIN = 1.5  # grey levels, chosen: noise, which compression may leave where it was for many pictures, tells nothing
 QUIET = 5.0  # grey levels: by less a look differs by noise, which may stay where it was, and shading
 ALIKE = 15.0  # grey levels: what differs by more is another skin
-NOISE_SLOPE = 1.5  # grey levels per pixel
-WITHIN = 0.8  # half widths: what lies farther out changes with the outline, which looks the same all along the body
 IN_LIGHT, IN_SHADOW = 1.0 / WALL_SCATTER**2, 1.0 / SHADOW**2
 LOG_IN_LIGHT, LOG_IN_SHADOW = 3.0 * math.log(WALL_SCATTER), 2.0 * math.log(WALL_SCATTER) + math.log(SHADOW)
-INDEPENDENT = 0.2  # share of the skin's pixels that are independent in a compressed picture
 
 
 class Behind(NamedTuple):
@@ -50,7 +47,7 @@ class Behind(NamedTuple):
 
 
 @inlined
-def _read(picture, x, y, out):
+def read_colour(picture, x, y, out):
     """Bilinear colour at a place; False outside of the picture."""
     i, j = math.floor(y), math.floor(x)
     if i < 0 or j < 0 or i >= picture.shape[0] - 1 or j >= picture.shape[1] - 1:
@@ -85,7 +82,7 @@ def _evidence(seen, x, y, inside, flank, outside, body, aside, behind, colour):
     `body`, `aside` and `behind` are what their variances add.
     """
     picture, wall, times, relief = seen
-    if not _read(picture, x, y, colour):
+    if not read_colour(picture, x, y, colour):
         for c in range(3):
             colour[c] = outside[0, c]
         return -CLIP
@@ -241,80 +238,10 @@ def read_strip(picture, points, normals, half, across):
     for s in range(points.shape[0]):
         for v in range(across.shape[0]):
             d = across[v] * half[s]
-            _read(picture, points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1], colour)
+            read_colour(picture, points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1], colour)
             for c in range(3):
                 out[s, v, c] = colour[c]
     return out
-
-
-@compiled
-def read_slopes(picture, points, normals, half, across):
-    """By how much colours change per pixel at `across` (V,) half widths: (S, V, 2, 3), across the body and along it."""
-    ahead, behind, out = np.zeros(3), np.zeros(3), np.empty((points.shape[0], across.shape[0], 2, 3))
-    for s in range(points.shape[0]):
-        nx, ny = normals[s, 0], normals[s, 1]
-        for v in range(across.shape[0]):
-            x, y = points[s, 0] + across[v] * half[s] * nx, points[s, 1] + across[v] * half[s] * ny
-            for k in range(2):
-                dx, dy = (nx, ny) if k == 0 else (ny, -nx)
-                seen = _read(picture, x + dx, y + dy, ahead) and _read(picture, x - dx, y - dy, behind)
-                for c in range(3):
-                    out[s, v, k, c] = 0.5 * (ahead[c] - behind[c]) if seen else 0.0
-    return out
-
-
-@compiled
-def match_skin(picture, points, normals, half, across, skin, slopes, variance, slips):
-    """How the skin lies beside its place: information (S, 6) nn, nt, tt, nw, tw, ww and pull (S, 3), per station.
-
-    One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `slopes` (S, V, 2, 3) and `variance`,
-    without what a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
-    What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. The third
-    that is returned, (S,), is the share of pixels that agree.
-    """
-    count, width = skin.shape[:2]
-    information, pull, alike = np.zeros((count, 6)), np.zeros((count, 3)), np.zeros(count)
-    here, ahead, behind = np.empty((width, 3)), np.empty(3), np.empty(3)
-    slope = np.empty((width, 3, 2))
-    for s in range(count):
-        nx, ny = normals[s, 0], normals[s, 1]
-        whole = True
-        for v in range(width):
-            x, y = points[s, 0] + across[v] * half[s] * nx, points[s, 1] + across[v] * half[s] * ny
-            whole = whole and _read(picture, x, y, here[v])
-            for k in range(2):  # along the normal, then along the tangent (ny, -nx)
-                dx, dy = (nx, ny) if k == 0 else (ny, -nx)
-                whole = whole and _read(picture, x + dx, y + dy, ahead) and _read(picture, x - dx, y - dy, behind)
-                for c in range(3):
-                    steep, before = 0.5 * (ahead[c] - behind[c]), slopes[s, v, k, c]
-                    # Noise has slopes, too, and glare, and they would hold the body where it is: what both pictures show counts.
-                    shown = min(abs(steep), abs(before)) - NOISE_SLOPE if steep * before > 0.0 else 0.0
-                    slope[v, c, k] = math.copysign(max(shown, 0.0), steep)
-        if not whole:
-            continue
-        for c in range(3):
-            light = 0.0
-            for v in range(width):
-                light += (here[v, c] - skin[s, v, c]) / width
-            for v in range(width):
-                off = here[v, c] - skin[s, v, c] - light
-                alike[s] += (abs(off) < ALIKE) / (3.0 * width)
-                share = off * off / (9.0 * (variance[s, v, c] + (slips[s] * slope[v, c, 1]) ** 2))
-                if share >= 1.0:
-                    continue
-                weight = INDEPENDENT * (1.0 - share) ** 2 / variance[s, v, c]
-                gn, gt = slope[v, c, 0], slope[v, c, 1] * (abs(across[v]) < WITHIN)
-                gw = across[v] * gn
-                information[s, 0] += weight * gn * gn
-                information[s, 1] += weight * gn * gt
-                information[s, 2] += weight * gt * gt
-                information[s, 3] += weight * gn * gw
-                information[s, 4] += weight * gt * gw
-                information[s, 5] += weight * gw * gw
-                pull[s, 0] -= weight * gn * off
-                pull[s, 1] -= weight * gt * off
-                pull[s, 2] -= weight * gw * off
-    return information, pull, alike
 
 
 @compiled
