@@ -47,7 +47,7 @@ def lab_of(picture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("aside", [0.0, 1.0])
 @pytest.mark.parametrize("turned", [0.0, 0.4])
 def test_skin_tells_where_its_body_is_and_not_where_the_light_comes_from(aside, turned):
-    """It told a tenth of how far a body had gone aside that had turned by 0.4 rad under its lamp."""
+    """It told a twentieth of how far a body had gone aside that had turned by 0.4 rad under its lamp."""
     line = middle_of(0.3, 110.0)
     body = body_on(line)
     skin = Skin.of(lab_of(shaded(line, 40.0, 0.2)), body)
