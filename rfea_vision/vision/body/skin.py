@@ -41,12 +41,12 @@ class Skin:
         self.variance += GAIN * (np.maximum(off**2, SCATTER**2) - self.variance)
 
     def matched(self, picture: Picture, body: SeenBody, slips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """How it lies beside its place in a picture: information (S, 6) nn, nt, tt, nw, tw, ww and pull (S, 3), px, per station.
+        """How it lies beside its place: information (S, 6) px^-2, pull (S, 3) px^-1, and the share of pixels that agree (S,).
 
-        One Gauss-Newton step on the robust difference: across (n) and along (t) the body, and in its half width (w). Light that
-        changes on a station, all over or from one side to the other, tells nothing: a round body that turns in it is shaded anew.
-        What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. The third
-        that is returned, (S,), is the share of pixels that agree.
+        One Gauss-Newton step on the robust difference: across (n) and along (t) the body, and in its half width (w); the information
+        is nn, nt, tt, nw, tw, ww. Light that changes on a station, all over or from one side to the other, tells nothing: a round
+        body that turns in it is shaded anew.
+        What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin.
         """
         place = body.points, body.normals, body.half, ACROSS_TEXTURE
         return _match(picture, *place, self.colours, self.slopes, self.variance, slips)
