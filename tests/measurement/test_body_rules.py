@@ -15,7 +15,7 @@ from rfea_vision.vision.body.begin import Pointed, first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
-from rfea_vision.vision.body.rules import First, elsewhere, refused
+from rfea_vision.vision.body.rules import First, elsewhere, may_go_on, refused
 from rfea_vision.vision.body.sampling import Behind, support
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges.fitted import new_buffers
@@ -174,7 +174,7 @@ def test_a_line_that_crosses_the_wall_to_another_thing_is_refused_and_where_is_s
     assert refused(first, edged) == "", "a stretch of another colour that has its edges is the body's"
 
 
-def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
+def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused_where_that_is_seen_and_else_sought_again():
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
     narrow[:, 68:92] = (200, 120, 140)
     narrow[193:] = (60, 128, 128)
@@ -183,11 +183,13 @@ def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
     first = First(180.0, body.half, narrow.shape[:2], 100.0, 1.8, None, as_first(body))
     first.fit.beyond[:] = 1.0
 
-    def said(picture, seen, end=0.0, like=1.0, aslant=0.0):
+    def fitted(picture, seen, end=0.0, like=1.0, aslant=0.0):
         rays = np.array([np.nan, np.nan, end - aslant, end, end, end + aslant, np.nan])
         around = looks_around(picture, wall, body)
-        backing = np.where(SHARES > 0.83, like, 1.0)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), seen, backing, rays, (), *around))
+        return Fit(body, 1e-3 * np.eye(25), seen, np.where(SHARES > 0.83, like, 1.0), rays, (), *around)
+
+    def said(*what, **told):
+        return refused(first, fitted(*what, **told))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == ""
@@ -205,11 +207,13 @@ def test_a_line_beyond_whose_end_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere, 6.0, aslant=4.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
     assert said(narrow, everywhere, 13.0) == "no_fit: the tube goes on beyond the line's end, by 7.2 mm or more"
     body = replace(body, points=body.points * [1.0, 0.9])
-    assert said(narrow, everywhere, np.nan) == "", "it did so from the first frame on"
+    assert not may_go_on(first, fitted(narrow, everywhere, np.nan)), "it went on from the first frame on"
     first.fit.beyond[:] = 0.4
-    assert said(narrow, everywhere, np.nan) == "no_fit: the tube goes on beyond the line's end, and where it ends is not seen"
+    assert may_go_on(first, fitted(narrow, everywhere, np.nan)) >= 1.5 * 12.0 and said(narrow, everywhere, np.nan) == ""
+    assert not may_go_on(first, fitted(narrow, everywhere, 6.0)), "its end is seen"
+    assert not may_go_on(first, replace(fitted(narrow, everywhere, np.nan), length_told=True)), "its skin says where it ends"
     body = replace(body, points=body.points * [1.0, 1.17])
-    assert said(narrow, everywhere, np.nan) == "", "it may end within half its width"
+    assert not may_go_on(first, fitted(narrow, everywhere, np.nan)), "it may end within half its width"
     body = replace(body, half=np.where(SHARES > 0.95, 1.0, 0.8) * first.half)
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
     body = replace(body, points=np.vstack([body.points[0] + [[0.0, 0.0], [1.5, -1.0], [2.5, 1.0]], body.points[3:]]))

@@ -246,6 +246,28 @@ def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_sai
     assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
 
 
+def test_a_body_that_may_go_on_is_sought_again_and_measured_where_it_is_found_nowhere_else(monkeypatch):
+    """Before another body of its colour rays find no end: it was refused for as long as it was there."""
+    follower = follower_of(middle_of(0.0, 110.0))
+    assert follower.next(drawn(middle_of(0.0, 110.0), np.full(65, HALF)), 0.0) == ""
+    monkeypatch.setattr("rfea_vision.vision.body.follower.may_go_on", lambda first, fit: 20.0)
+    line, sought = middle_of(0.05, 110.0), iter([[middle_of(0.1, 110.0)]])
+    monkeypatch.setattr(follower, "_reached", lambda shown: next(sought))
+    assert follower.next(drawn(line, np.full(65, HALF)), 0.1) == "" and next(sought, None) is None
+    assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.1 * HALF
+    assert follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm > 20.0, "it may be as much longer"
+
+
+def test_an_end_that_looks_like_what_is_on_one_side_alone_is_measured():
+    """A bellows beside another one: what looked like anything around it was taken for wall, and its end carried on by the rest."""
+    follower, board = follower_of(middle_of(0.0, 90.0)), [((0, 0, 150, 60), (150, 165, 170))]
+    for k in range(12):
+        line = middle_of(-0.8 * np.sin(np.pi * k / 12), 90.0)
+        assert follower.next(with_tail(line, 53, 0.0, k, board), 0.1 * k) == "", k
+        assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.3 * HALF, k
+    assert end_like_wall(follower) == ""
+
+
 @pytest.mark.parametrize("gone", [2.2, 40.0])
 def test_nothing_is_in_front_of_a_body_that_has_gone_away(gone):
     """To where it is not found, or out of the picture: the wall that it leaves, with lines that nobody had seen, covers nothing."""

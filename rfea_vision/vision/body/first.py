@@ -106,11 +106,11 @@ class FirstFrame:
         # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
         doubt, least = SYSTEMATIC * half, pointed.stderr
         clicked = pointing(missed_by(clicks, body, half, believed=clear), least, doubt)
-        body = replace(body, told=told_from_wall(body))
+        body = replace(body, told=told_from_wall(lab, body))
         points = as_pointed(body.points, clicks, half, least if marked else clicked, doubt + body.strays, end_px)
         body = with_beyond(lab, with_colours(lab, replace(body, points=points)))
         offsets = self._end_of(body)
-        body = replace(body, told=told_from_wall(body))
+        body = replace(body, told=told_from_wall(lab, body))
         if body.untold:  # then the end that is seen is that of the rest, if all rays see one
             offsets = self._end_of(body)
             offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)

@@ -51,7 +51,7 @@ from rfea_vision.vision.body.known import LAGS, as_state, end_variance, fill_num
 from rfea_vision.vision.body.look import AT_END, EndLook, as_long
 from rfea_vision.vision.body.marks import along_line, marks_in, pointed_tip, row_apart
 from rfea_vision.vision.body.model import Picture, SeenBody, Sight, in_light, middle, skin_of
-from rfea_vision.vision.body.rules import First, in_front, refused
+from rfea_vision.vision.body.rules import First, in_front, may_go_on, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.shown import Shown, written_twice
 from rfea_vision.vision.body.still import StillView, at_scale
@@ -153,12 +153,13 @@ class BodyFollower:
                 fits = self._corrected(lab, again, fits)
         fit = max(fits, key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed.half
-        if self.good and (fit.reason or snapped) and not fit.reason.startswith("touches_border"):
+        short = may_go_on(self.first, fit) > 0.0
+        if self.good and (fit.reason or snapped or short) and not fit.reason.startswith("touches_border"):
             lines = self._reached(shown)  # it may have gone farther than was looked at
             lab = self.wall.look(shown, *self.looked_at(fit.body.points, *lines))
             found = (self._judged(lab, self._fit(lab, *self._ended(lab, *self._outlined(lab, line)), 0.8)) for line in lines)
-            anew = next((anew for anew in found if not anew.reason), fit)
-            fit = anew if fit.reason or anew.likeness > fit.likeness else fit
+            anew = next((anew for anew in found if not (anew.reason or may_go_on(self.first, anew))), fit)
+            fit = anew if fit.reason or short or anew.likeness > fit.likeness else fit
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -349,7 +350,7 @@ class BodyFollower:
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
         slipped += 0.0 if level or self.again is None else self.pointed.stderr**2
         if self.good:
-            slipped += fit.another**2  # two sorts of evidence disagree
+            slipped += fit.another**2 + may_go_on(self.first, fit) ** 2  # two sorts of evidence disagree; none says where it ends
             if not (level or fit.length_told or self.again is not None):  # a row of marks may have slipped by one
                 slipped += (row_apart(fit.material) * fit.body.length) ** 2
             if self.end_offsets is None:

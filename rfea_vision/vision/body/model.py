@@ -35,6 +35,7 @@ ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is near
 # Standard deviations of the picture, chosen. Of 24 drawn bodies whose last fifth is the wall's or hardly covers it, 9 stations and more
 # are so at the end (of one 3), of 20 other films none but three of clear silicone with a taped end (4, 8, 8) and two real ones (6).
 SAME_COLOUR = 2.0
+BESIDE_TOO = 0.1  # of what is beside a body, chosen: less may be chance. An end of a half striped wall's colour has 0.26 and more
 TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 CLEAR = 3.0  # standard deviations between two colours that are never confused
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
@@ -202,16 +203,20 @@ def _apart(colours: FloatArray, known: FloatArray) -> FloatArray:
     return np.asarray(np.min(np.sum((colours[:, None] - known) ** 2 / LEAST_VARIANCE, axis=2), axis=1))
 
 
-def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:
+def told_from_wall(picture: Picture, body: SeenBody) -> NDArray[np.bool_]:
     """All stations (S,) but those of an end, of a tenth and more, that have a colour of the wall and of no other fifth of the body.
 
-    Where these are a fifth, what is before and of one colour with them, too: a longer end looks like itself.
+    Of the wall to both sides: one edge tells where an end is. Where these are a fifth, what is before and of one colour with them, too:
+    a longer end looks like itself.
     """
     scatter = np.sqrt(LEAST_VARIANCE)
-    inside, around = body.inside[:, 0] / scatter, body.outside[:, :, 0].reshape(-1, 3) / scatter
+    inside, alike = body.inside[:, 0] / scatter, []
+    for sign in (1.0, -1.0):
+        beside = read_strip(picture, body.points, body.normals, body.half, sign * ACROSS_AROUND).reshape(-1, 3) / scatter
+        alike.append(np.mean(np.linalg.norm(inside[:, None] - beside, axis=2) < SAME_COLOUR, axis=1))
     own = np.linalg.norm(inside[:, None] - inside, axis=2)
     own[np.abs(np.arange(STATIONS)[:, None] - np.arange(STATIONS)) < STATIONS // 5] = np.inf
-    walls = (own.min(axis=1) > CLEAR) & (np.linalg.norm(inside[:, None] - around, axis=2).min(axis=1) < SAME_COLOUR)
+    walls = (own.min(axis=1) > CLEAR) & (np.min(alike, axis=0) > BESIDE_TOO)
     if (count := end_of(walls)) <= STATIONS // 10:
         return np.ones(STATIONS, dtype=bool)
     walls &= np.arange(STATIONS) >= STATIONS - count

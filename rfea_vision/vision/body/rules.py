@@ -40,17 +40,10 @@ FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
 # well: rays find a ruled line, and lines look like rubber; both together were not.
-# Where rays find no end, `MOST` of all up to one and a half half widths beyond it, more than in the first frame: so in 9 of 15 wrong
-# frames of two films, in none of 1700 of 18 films that were followed well.
 END_OFF = 0.3
 # An end that is seen up to a half width beyond the line is known to how far that is, if the line is square to it: in five drawn films
 # (seen) rays to either side of right lines differed by 0.4 half widths at most there, and by 0.8 and more where one had gone astray.
 END_SQUARE = 0.5
-# Between discs or coils there is wall, at which rays find an end: where up to four half widths beyond it look so much like the body as
-# the body does itself, and did not in the first frame, and the line is so much shorter than there, it goes on. Of right lines that was
-# 0.60 at most in 3700 frames of 25 films, and 0.9 where one ended a fifth before the end of an arm of discs; of a drawn catheter before
-# graph paper right lines had more, and were as long as ever.
-FARTHER_ON, SHORTER = 0.7, 0.95
 # Of neither colour, in variances of the body's over three channels: where evidence has stopped to count it (7 standard deviations).
 # Of all of a body, chosen: a hand leaves more.
 STRANGE, MOST_HIDDEN = 50.0, 0.95
@@ -111,17 +104,13 @@ def _unlike(first: First, fit: Fit) -> str:
 
 
 def _short(first: First, fit: Fit) -> str:
-    """The body does not go on beyond the line, up to where the rays find its end, or farther where they find none.
+    """The body does not go on beyond the line, up to where the rays find its end.
 
     What lies beyond an end that the skin tells is another thing that looks like it: its image in a table, a hose.
     """
     if fit.length_told:
         return ""
     seen = fit.end[np.isfinite(fit.end)].tolist()
-    if first.fit is not None and 2 * len(seen) < len(fit.end) and _nearly_on(fit) - _nearly_on(first.fit) > MOST:
-        return "the tube goes on beyond the line's end, and where it ends is not seen"
-    if first.fit is not None and fit.body.length < SHORTER * first.length and _farther_on(first.fit) <= FARTHER_ON < _farther_on(fit):
-        return "the tube goes on beyond the line's end, by two of its widths and more"
     off, half = goes_on(fit), float(middle(fit.body.half))
     if off == 0.0 or (first.fit is not None and off <= half and np.ptp(seen) <= END_SQUARE * half):
         return ""
@@ -135,14 +124,17 @@ def goes_on(fit: Fit) -> float:
     return off if off > END_OFF * half and between.min() > MOST else 0.0
 
 
-def _nearly_on(fit: Fit) -> float:
-    """Least share of what lies up to one and a half half widths beyond the end that surely looks like the body."""
-    return float(fit.beyond[:3].min())
+def may_go_on(first: First, fit: Fit) -> float:
+    """How far (px) a body may go on beyond its line, where rays find no end; 0 where what is there is no more like it than at first.
 
-
-def _farther_on(fit: Fit) -> float:
-    """Share of what lies up to four half widths beyond the end that surely looks like the body, over that of the body itself."""
-    return float(np.mean(fit.beyond)) / max(float(np.mean(fit.backing)), 1e-9)
+    It is where all up to one and a half half widths on is, by `MOST`. That is sought again, and no reason to refuse it: it may lie
+    before another body.
+    """
+    if first.fit is None or fit.length_told or 2 * int(np.isfinite(fit.end).sum()) >= len(fit.end):
+        return 0.0
+    if fit.beyond[:3].min() - first.fit.beyond[:3].min() <= MOST:
+        return 0.0
+    return float(BEYOND[int(np.argmin(np.append(fit.beyond > MOST, False))) - 1] * middle(fit.body.half))
 
 
 def _stretch(first: First, where: NDArray[np.bool_]) -> str:
