@@ -250,6 +250,7 @@ def test_a_body_that_may_go_on_is_sought_again_and_measured_where_it_is_found_no
     """Before another body of its colour rays find no end: it was refused for as long as it was there."""
     follower = follower_of(middle_of(0.0, 110.0))
     assert follower.next(drawn(middle_of(0.0, 110.0), np.full(65, HALF)), 0.0) == ""
+    follower.end_offsets = None
     monkeypatch.setattr("rfea_vision.vision.body.follower.may_go_on", lambda first, fit: 20.0)
     line, sought = middle_of(0.05, 110.0), iter([[middle_of(0.1, 110.0)]])
     monkeypatch.setattr(follower, "_reached", lambda shown: next(sought))

@@ -350,9 +350,9 @@ class BodyFollower:
         slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
         slipped += 0.0 if level or self.again is None else self.pointed.stderr**2
         if self.good:
-            slipped += fit.another**2 + may_go_on(self.first, fit) ** 2  # two sorts of evidence disagree; none says where it ends
-            if not (level or fit.length_told or self.again is not None):  # a row of marks may have slipped by one
-                slipped += (row_apart(fit.material) * fit.body.length) ** 2
+            slipped += fit.another**2  # two sorts of evidence disagree
+            if not (level or fit.length_told or self.again is not None):  # a row of marks may have slipped by one; or it goes on
+                slipped += (row_apart(fit.material) * fit.body.length) ** 2 + may_go_on(self.first, fit) ** 2
             if self.end_offsets is None:
                 grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
                 grown = float(np.hypot(grown, 0.0 if fit.length_told else LENGTH_SPREAD * fit.body.length))
