@@ -4,7 +4,7 @@ Films of testing/drawn by ``DRAWN_FILMS`` as in benchmarks.drawn_films, pointed 
 frames or 2 % of their range the person sees the first frame, after the last correction, that was refused, or in which the line's end
 lies beside the body's by more than half a half width and 3 px, and points at five places along the body there.
 
-Seeds 390 to 659 were run once, as docs/films-record.md tells, and count as seen since.
+Seeds 390 to 689 were run once, as docs/films-record.md tells, and count as seen since.
 """
 
 from __future__ import annotations
