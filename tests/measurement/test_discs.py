@@ -54,14 +54,19 @@ def begun(picture: np.ndarray, line: np.ndarray) -> BodyFollower:
     return follower
 
 
-def test_a_line_that_ends_at_a_disc_before_the_end_is_refused():
+@pytest.mark.parametrize(("discs", "said"), [(23, ""), (21, ""), (18, ""), (16, "length_off")])
+def test_a_line_that_ends_at_a_disc_before_the_end_is_told_by_its_skin_how_much_is_missing(discs, said):
+    """Beyond it there is wall, and then more of the arm: its standard error holds that."""
     follower = begun(drawn(line := middle_of(0.2)), line)
-    lab = follower.last.lab
-    for discs, said in ((23, ""), (16, "no_fit: the tube goes on beyond the line's end")):
-        short = replace(follower.body, points=at(line, SHARES * (discs * PITCH + 1.0)))
-        fit = follower._fit(lab, short, 1e-6 * follower.pointed.covariance, 0.8)
-        assert np.ptp(fit.body.points[-1] - short.points[-1]) < 4.0
-        assert follower._judged(lab, fit).reason.startswith(said) and bool(fit.reason) == bool(said), fit.reason
+    lab, length = follower.last.lab, follower.body.length
+    short = replace(follower.body, points=at(line, SHARES * (discs * PITCH + 1.0)))
+    fit = follower._judged(lab, follower._fit(lab, short, 1e-6 * follower.pointed.covariance, 0.8))
+    assert np.ptp(fit.body.points[-1] - short.points[-1]) < 4.0
+    assert fit.reason.startswith(said) and bool(fit.reason) == bool(said), fit.reason
+    assert abs(fit.another - (length - fit.body.length)) < 1.0
+    follower._accept(lab, fit)
+    stderr = follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm
+    assert stderr > length - fit.body.length
 
 
 def lost(picture: np.ndarray, line: np.ndarray) -> BodyFollower:
