@@ -32,8 +32,9 @@ LIGHT_GAIN, OWN_GAIN = 0.08, 0.02  # of the colours of the last frame
 MARKED = 16.0  # of a or b in 8 bits: so far from the body's own colour is a mark
 BACKED = 0.7  # share of a station that looks like the body
 ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is nearer beside itself
-# Standard deviations of the picture, chosen. Of 24 drawn bodies whose last fifth is the wall's or hardly covers it, 9 stations and more
-# are so at the end (of one 3), of 20 other films none but three of clear silicone with a taped end (4, 8, 8) and two real ones (6).
+# Standard deviations of the picture, chosen when all around was asked, and not both sides. Of 24 drawn bodies whose last fifth is the
+# wall's or hardly covers it, 9 stations and more are so at the end (of one 3), of 20 other films none but three of clear silicone with
+# a taped end (4, 8, 8) and two real ones (6).
 SAME_COLOUR = 2.0
 BESIDE_TOO = 0.1  # of what is beside a body, chosen: less may be chance. An end of a half striped wall's colour has 0.26 and more
 TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
