@@ -112,6 +112,7 @@ class Fit:
     length_told : whether its skin tells how long it is: no other length looks nearly as much like the first frame's
     another : px, how much longer it is by its skin, where that surely is another length; else 0
     shown : px^-2, what its skin tells of how far its end has gone along the body, if that stretches evenly
+    more : px by which it may go on beyond its line, where rays find no end
     """
 
     body: SeenBody
@@ -127,6 +128,7 @@ class Fit:
     length_told: bool = False
     another: float = 0.0
     shown: float = 0.0
+    more: float = 0.0
 
     @property
     def likeness(self) -> float:

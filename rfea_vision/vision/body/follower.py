@@ -153,13 +153,12 @@ class BodyFollower:
                 fits = self._corrected(lab, again, fits)
         fit = max(fits, key=lambda found: (not found.reason, found.likeness))
         snapped = self.good and float(np.abs(fit.body.points - self.body.points).max()) > SNAPS * self.pointed.half
-        short = may_go_on(self.first, fit) > 0.0
-        if self.good and (fit.reason or snapped or short) and not fit.reason.startswith("touches_border"):
+        if self.good and (fit.reason or snapped or fit.more) and not fit.reason.startswith("touches_border"):
             lines = self._reached(shown)  # it may have gone farther than was looked at
             lab = self.wall.look(shown, *self.looked_at(fit.body.points, *lines))
             found = (self._judged(lab, self._fit(lab, *self._ended(lab, *self._outlined(lab, line)), 0.8)) for line in lines)
-            anew = next((anew for anew in found if not (anew.reason or may_go_on(self.first, anew))), fit)
-            fit = anew if fit.reason or short or anew.likeness > fit.likeness else fit
+            anew = next((anew for anew in found if not (anew.reason or anew.more)), fit)
+            fit = anew if fit.reason or fit.more or anew.likeness > fit.likeness else fit
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -195,6 +194,7 @@ class BodyFollower:
             fit.off = float(np.hypot(fit.off, off_beside(fit.body, fit.beside - self.first.fit.beside)))
         if self.good:
             fit.length_told, fit.another = as_long(self.wall.cleared(lab), fit.body, self.skin.colours, self.first.length)[1:]
+        fit.more = may_go_on(self.first, fit)
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         broken = refused(self.first, fit, lost=lost, vouched=self.again is not None)
@@ -352,7 +352,7 @@ class BodyFollower:
         if self.good:
             slipped += fit.another**2  # two sorts of evidence disagree
             if not (level or fit.length_told or self.again is not None):  # a row of marks may have slipped by one; or it goes on
-                slipped += (row_apart(fit.material) * fit.body.length) ** 2 + may_go_on(self.first, fit) ** 2
+                slipped += (row_apart(fit.material) * fit.body.length) ** 2 + fit.more**2
             if self.end_offsets is None:
                 grown = GROWS * float(np.linalg.norm(fit.body.points[-1] - self.told_tip))
                 grown = float(np.hypot(grown, 0.0 if fit.length_told else LENGTH_SPREAD * fit.body.length))
