@@ -251,7 +251,8 @@ class Diagnosis(_Json):
 
     format: Literal["rfea-diagnosis/1"] = "rfea-diagnosis/1"
     model: str
-    verdict: Literal["missing", "complete", "unexplained"]
+    # uncertain: the error is at a floor that hides what would matter
+    verdict: Literal["missing", "complete", "uncertain", "unexplained"]
     sentence: str = ""
     named: list[str] = Field(default_factory=list)
     # what lowers the held-out error together, though hardly its cause

@@ -102,7 +102,7 @@ def improve_command(
             print_ladder(ladder)
             say(f"report: {report}")
         last = ladder.rungs[-1].verdict if ladder.rungs else ""
-        if last == "unexplained":
+        if last in ("unexplained", "uncertain"):
             _say_after(last, campaign)
         elif any(rung.tied for rung in ladder.rungs):
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
@@ -175,6 +175,8 @@ def _say_after(verdict: str, campaign: Path) -> None:
         say_next("rfea improve", campaign, why="adds it, fits again, and judges what is left")
     elif verdict == "complete":
         say_next("rfea report", campaign, why="one page, offline")
+    elif verdict == "uncertain":
+        say_next("rfea track", campaign, "--preview", why="draws the track over the film: better seen ends and a board lower the floor")
     else:
         say_next("rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own")
 

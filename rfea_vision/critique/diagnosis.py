@@ -18,13 +18,14 @@ from rfea_vision.critique.refinement import SEGMENTS, screen_segments
 from rfea_vision.critique.screening import offered
 from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trials, plain
-from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
+from rfea_vision.critique.verdict import Verdict, decide, hides, remainder_of, sets_of, unseen
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free
 from rfea_vision.fitting.refit import Fitted, in_long_steps, refit
 from rfea_vision.fitting.scoring import in_its_steps, options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
+from rfea_vision.units import rounded
 
 #: What a bar of progress is told to expect: about so many refits.
 EXPECTED_REFITS = 20
@@ -110,6 +111,14 @@ def _left_out(problem: Problem) -> list[str]:
     return [f"{', '.join(names)}: fitted, but not used to judge: only {has} was measured, and errors are compared in {unit}"]
 
 
+def _hidden(search: Search, verdict: Verdict) -> list[str]:
+    """That a track which shows one thing missing may hide another."""
+    if verdict.verdict != "missing" or not hides(search):
+        return []
+    floor = f"the floor is {rounded(search.floor)} {search.floors.unit}"
+    return [f"this track is too uncertain to say whether more is missing: {floor}, and {unseen(search).removesuffix('.')}"]
+
+
 def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) -> Diagnosis:
     in_mm = search.floors.unit == "mm"
     fitted, best = search.present.fitted, verdict.best.fitted
@@ -133,6 +142,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) 
         warnings=[
             *(absorbed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
             *to_rule_out(search.effects, verdict.named, best.values),
+            *_hidden(search, verdict),
             *_left_out(search.trials.problem),
         ],
     )

@@ -16,6 +16,7 @@ from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Actuator, Recordin
 from rfea_vision.artefacts.rows import Refit, TestScore
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
+from rfea_vision.critique.findings import findings_of, finer_of, titles_of
 from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.screening import sensitivities
@@ -31,7 +32,7 @@ from rfea_vision.fitting.ratio import lever_free, with_lever_held
 from rfea_vision.fitting.refit import Fitted, refit
 from rfea_vision.fitting.scoring import as_artefact, in_its_steps, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
-from rfea_vision.units import counted, rounded
+from rfea_vision.units import counted
 
 #: Model, its predictions, its comparison, its diagnosis, and the pressure to play next (time in s, kPa) if there is one.
 OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None], None]
@@ -220,7 +221,7 @@ class _Climb:
         """What came of it; test runs are scored here, once."""
         in_mm = self.problem.train[0].has_tip
         test = _test_score(self.problem, first, self.fitted) if self.problem.test else None
-        titles, finer = _titles(self.fitted, self.rungs), _finer(first, self.fitted, self.rungs)
+        titles, finer = titles_of(self.fitted, self.rungs), finer_of(first, self.fitted, self.rungs)
         unit = "mm" if in_mm else "deg"
         return Ladder(
             rungs=self.rungs,
@@ -228,7 +229,7 @@ class _Climb:
             noise_floor_mm=self.floor if in_mm else None,
             noise_floor_deg=None if in_mm else self.floor,
             stopped_because=stopped,
-            findings=_findings(self.rungs, titles, finer, test, self.floor, unit, stopped, [*filter(None, (over,)), *self.doubts]),
+            findings=findings_of(self.rungs, titles, finer, test, self.floor, unit, stopped, [*filter(None, (over,)), *self.doubts]),
         )
 
 
@@ -341,60 +342,3 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:
     errors = {key: after, "first_model": first.options.name, f"first_model_{key}": before}
     both = {"experiments": each, "first_model_experiments": before_each}
     return cast(TestScore, {"model": last.options.name, **errors, **both})
-
-
-def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
-    """Effects that were added and stayed, in words, with the id by which they are asked for and what they cannot be told from."""
-    stayed = {*map(plain, last.options.effects)}
-    known = {effect.id: effect.title for effect in last.model.effects}
-    titles: dict[str | None, str] = {}  # what was added, dropped and added again is told once
-    for rung in rungs:
-        if rung.added not in stayed:
-            continue
-        title = f"{known[rung.added]} ({rung.added})" if rung.added in known else rung.added
-        title += f", which these data cannot tell from {' or '.join(rung.tied)}" if rung.tied else ""
-        titles[rung.added] = title + " (a stand-in: it lowers the error, and nothing names it)" * (rung.grade == "stand-in")
-    return list(titles.values())
-
-
-def _finer(first: Fitted, last: Fitted, rungs: Sequence[Rung]) -> str:
-    """That the chain was cut finer on the way, which is no physics that was missing; empty where it was not."""
-    before, after = first.options.segments, last.options.segments
-    rivals = dict.fromkeys(other for rung in rungs if rung.added == SEGMENTS for other in rung.tied)
-    tied = f"; these data cannot tell what that does from {' or '.join(rivals)}" if rivals else ", which is no missing effect"
-    return f"The chain was made finer: {after} segments in place of {before}{tied}." if after > before else ""
-
-
-def _findings(
-    rungs: Sequence[Rung],
-    titles: Sequence[str],
-    finer: str,
-    test: TestScore | None,
-    floor: float | None,
-    unit: str,
-    stopped: str,
-    doubts: Sequence[str] = (),
-) -> list[str]:
-    out = []
-    what = "tip error" if unit == "mm" else "error of the bend angle"
-    key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
-    if titles:
-        missing = "" if any("(a stand-in:" in title for title in titles) else "Missing from the paper's model, and "
-        lead = f"{missing}added in this order" if rungs[-1].verdict == "complete" else "added so far, and not yet enough"
-        lead = lead[0].upper() + lead[1:]
-        out.append(f"{lead}: {'; '.join(titles)}.")
-    out += filter(None, (finer,))
-    changed = titles or finer
-    first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
-    if changed and first and last:
-        fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({rounded(first / last)} times)"
-        out.append(f"The {what} on validation runs {fall}.")
-    before, after = (test.get(f"first_model_{key}"), test.get(key)) if test else (None, None)
-    if changed and before and after:
-        fall = f"fell from {rounded(before)} to {rounded(after)} {unit}"
-        out.append(f"On test runs, on which nothing was chosen, it {fall}.")
-    if floor:
-        out.append(f"The noise floor is {rounded(floor)} {unit}: an error below it says nothing about the model.")
-    out += doubts
-    out.append(f"Stopped because {stopped}")
-    return out

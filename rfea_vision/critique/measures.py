@@ -121,6 +121,13 @@ def in_another_unit(problem: Problem) -> list[str]:
     return [item.name for item in runs if item.has_tip != problem.train[0].has_tip]
 
 
+def motion(problem: Problem) -> float:
+    """Root mean square distance of what was seen from its mean, of the run that moves most: in the unit of the errors."""
+    odd = in_another_unit(problem)
+    seen = [item.tip_or_angle for item in (*problem.train, *problem.validate) if item.name not in odd]
+    return float(np.sqrt(max(np.sum(np.var(one, axis=0)) for one in seen)))
+
+
 def common_runs(errors: Iterable[Errors]) -> set[str]:
     """Runs on which all of these could be simulated: one that is missing is left out for all alike."""
     names = [set(one.runs) for one in errors]

@@ -1,4 +1,4 @@
-"""From the sets that were weighed to a verdict: missing (and what, how surely, how much of it), complete, or unexplained."""
+"""From the sets that were weighed to a verdict: missing (what, how surely, how much of it), complete, uncertain, or unexplained."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import EffectSet, Remainder, Tie
 from rfea_vision.artefacts.rows import GoesWith
-from rfea_vision.critique.measures import STRUCTURE_FLOORS, matters
+from rfea_vision.critique.measures import MATTERS_SHARE, STRUCTURE_FLOORS, matters, motion
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.trials import Trial, plain
@@ -24,7 +24,7 @@ MOST_SETS, MOST_TIED = 12, 3
 class Verdict:
     """What was decided. `best` is the set that is named (the present model where nothing is), `rivals` those it is tied with."""
 
-    verdict: Literal["missing", "complete", "unexplained"]
+    verdict: Literal["missing", "complete", "uncertain", "unexplained"]
     sentence: str
     named: tuple[str, ...]
     best: Trial
@@ -39,7 +39,7 @@ class Verdict:
 
 
 def decide(search: Search, weighed: list[Weighed]) -> Verdict:
-    """Name what is likely to be there and matters; call the model complete where nothing matters; else unexplained."""
+    """Name what is likely to be there and matters; call it complete where nothing that could be seen matters; else unexplained."""
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))
     # Where no effect is likely, neither alone nor with its ties, sets between which the odds do not decide may be so together.
@@ -61,17 +61,28 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     ]
     rivals = [best, *(row.trial for one in likely for row in ties.get(one, []))] if tied else []
     mattering = any(search.rule.likely > item.probability > 0 and _matters_at_all(search, item) for item in weighed)
-    verdict: Literal["missing", "complete", "unexplained"] = "unexplained"
+    verdict: Literal["missing", "complete", "uncertain", "unexplained"] = "unexplained"
     if likely:
         verdict = "missing"
+    elif left < max(small, 1.0) and hides(search):
+        verdict = "uncertain"
     elif left < small or (left < 1.0 and not mattering):
         verdict = "complete"
     found = Verdict(
         verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed,
         () if left < small else stand_ins_of(search, weighed), verdict == "complete" and _asks_less(search),
     )  # fmt: skip
-    words = {"missing": _missing, "complete": _complete, "unexplained": _unexplained}[verdict](search, found)
+    words = {"missing": _missing, "complete": _complete, "uncertain": _uncertain, "unexplained": _unexplained}[verdict](search, found)
     return Verdict(**{**vars(found), "sentence": words})
+
+
+def hides(search: Search) -> bool:
+    """Whether the floor hides what would matter.
+
+    Structure below half a floor passes for none, and an effect matters from a tenth on: where that half is more than a tenth of the
+    motion, what passes for none may matter, and no error at the floor says that nothing is missing.
+    """
+    return STRUCTURE_FLOORS * search.floor > MATTERS_SHARE * motion(search.trials.problem)
 
 
 def _asks_less(search: Search) -> bool:
@@ -221,6 +232,23 @@ def _complete(search: Search, found: Verdict) -> str:
     return text
 
 
+def _uncertain(search: Search, found: Verdict) -> str:
+    unit = search.floors.unit
+    which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
+    return (
+        f"The track is too uncertain to say whether something is missing: the {which} is {rounded(search.held)} {unit}, the floor "
+        f"{rounded(search.floor)} {unit}, and {unseen(search)}"
+    )
+
+
+def unseen(search: Search) -> str:
+    """What a large floor hides, as the end of a sentence."""
+    hidden, moved, unit = STRUCTURE_FLOORS * search.floor, motion(search.trials.problem), search.floors.unit
+    share = f"{100 * hidden / moved:.0f} % of the motion ({rounded(moved)} {unit}" if moved > 0 else f"more than the motion (0 {unit}"
+    much = f"what half of that hides, {rounded(hidden)} {unit}, is {share}, root mean square)"
+    return f"{much}, where {100 * MATTERS_SHARE:.0f} % would matter."
+
+
 def _unexplained(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
     errors = search.present.errors
@@ -237,4 +265,4 @@ def _unexplained(search: Search, found: Verdict) -> str:
     return text
 
 
-__all__ = ["MOST_TIED", "Verdict", "decide", "percent", "remainder_of", "sets_of", "split_by", "title"]
+__all__ = ["MOST_TIED", "Verdict", "decide", "hides", "percent", "remainder_of", "sets_of", "split_by", "title", "unseen"]

@@ -110,6 +110,9 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
             return f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, {nothing}."
         things = "; ".join(added)
         return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}."
+    if step.verdict == "uncertain":
+        so_far = f": {listing(added)} {'was' if len(added) == 1 else 'were'} added{finer}, and more may be" if added else ""
+        return f"The track is too uncertain to say whether something is missing{so_far}."
     if step.verdict == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
         so_far += finer.replace(" and", " with", 1)
@@ -257,6 +260,9 @@ def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, fin
         helped = f"; {stand_ins} added for the prediction" if stand_ins else ""
         note = f"see the error along the tube{where}; rfea propose reads a law for it from the residual torque{helped}"
         return Tile("Missing physics", value, note=note, section="where")
+    if verdict == "uncertain":
+        value = "; ".join([*added, "perhaps more"]) if added else "Cannot be said"
+        return Tile("Missing physics", value, note="the track is too uncertain to say whether something is missing", section="trust")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
     value = "; ".join(added) if len(added) < 3 else f"{len(added)} effects"  # more would push the picture down; the headline has them

@@ -13,7 +13,8 @@ from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder,
 from rfea_vision.artefacts.judgement import WorstPlace
 from rfea_vision.critique import diagnose, evidence, improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.ladder import Step, _Climb, _findings, _finer, _titles, next_step, rest_of_set
+from rfea_vision.critique.findings import findings_of, finer_of, titles_of
+from rfea_vision.critique.ladder import Step, _Climb, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.critique.verdict import split_by
@@ -83,7 +84,7 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves(mon
     place = {"experiment": "a", "from_s": 0.8, "to_s": 1.3, "from_sigma": 0.34, "to_sigma": 0.47, "rmse_mm": 1.0, "phase": "hold"}
     where = [WorstPlace(**place, sentence="a: from 34 to 47 % of the tube's length.")]
     climb.note(Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9, where=where))
-    said = _findings(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
+    said = findings_of(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1] == "Where it shows: a: from 34 to 47 % of the tube's length."
     climb.note(Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
@@ -102,14 +103,14 @@ def test_what_was_dropped_again_is_not_told_as_added():
         options=SimpleNamespace(effects=("maxwell:logarithmic",), segments=32),
         model=SimpleNamespace(effects=find_effects(["maxwell"])),
     )
-    assert [title.split("(")[-1] for title in _titles(last, rungs)] == ["maxwell)"]
+    assert [title.split("(")[-1] for title in titles_of(last, rungs)] == ["maxwell)"]
     for rung in rungs:
         rung.validate_tip_rmse_mm = None
-    said = _findings(rungs, _titles(last, rungs), _finer(first, last, rungs), None, None, "mm", "so")
+    said = findings_of(rungs, titles_of(last, rungs), finer_of(first, last, rungs), None, None, "mm", "so")
     assert said[0].count("segments") == 0 and said[1] == (
         "The chain was made finer: 32 segments in place of 8; these data cannot tell what that does from drag."
     )
-    assert _finer(first, first, rungs) == ""
+    assert finer_of(first, first, rungs) == ""
 
 
 @pytest.mark.parametrize(
@@ -117,6 +118,7 @@ def test_what_was_dropped_again_is_not_told_as_added():
     [
         ("complete", "named", "Missing from the paper's model, and added in this order: "),
         ("complete", "stand-in", "Added in this order: "),
+        ("uncertain", "named", "Added, as far as so uncertain a track can say: "),
         ("missing", "named", "Added so far, and not yet enough: "),
         ("unexplained", "stand-in", "Added so far, and not yet enough: "),
     ],
@@ -132,7 +134,7 @@ def test_what_was_added_is_called_missing_only_where_it_is_named_and_the_last_ve
     last: Any = SimpleNamespace(
         options=SimpleNamespace(effects=effects), model=SimpleNamespace(effects=[own, *find_effects(["maxwell", "coulomb"])])
     )
-    said = _findings(rungs, _titles(last, rungs), "", None, None, "mm", "so")[0]
+    said = findings_of(rungs, titles_of(last, rungs), "", None, None, "mm", "so")[0]
     assert said.startswith(begins + "A soft ring (soft_ring); ") and said.count("stand-in") == (grade == "stand-in")
 
 
@@ -196,7 +198,7 @@ def test_two_branches_are_the_sum_of_two(campaign):
     assert {n: model.parameters[n].value for n in names} == pytest.approx(names)
 
 
-def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
+def test_a_chain_that_is_too_coarse_is_madefiner_of(campaign):
     recordings, actuator = campaign()
     coarse = replace(OPTIONS, segments=1)
     model = fit_model(recordings, actuator, coarse)

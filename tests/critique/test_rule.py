@@ -232,6 +232,27 @@ def test_the_torque_that_a_model_lacks_is_not_told_of_what_a_better_one_leaves()
     assert left.goes_with == rate and "28 % of its torque goes with the joint's rate" in left.sentence
 
 
+@pytest.mark.parametrize(
+    ("error", "floor", "verdict"),
+    [(17.3, 16.1, "uncertain"), (20.0, 16.1, "uncertain"), (40.0, 16.1, "unexplained"), (6.6, 6.5, "complete"), (0.1, 0.1, "complete")],
+)
+def test_a_model_is_complete_only_where_what_matters_could_be_seen(monkeypatch, error, floor, verdict):
+    """A leg's tip moved by 33 mm over a floor of 16: nothing that matters was missing, at an error of a fifth of its length."""
+    tip = 33.0 * np.array([[1.0, 0.0], [-1.0, 0.0]])
+    still = SimpleNamespace(name="hold", has_tip=True, tip_or_angle=0 * tip)
+    run = SimpleNamespace(name="steps", has_tip=True, tip_or_angle=tip)
+    search: Any = object.__new__(Search)
+    search.rule, search.effects, search.floors, search.floor = RULE, (), SimpleNamespace(unit="mm", calibration=0.0), floor
+    search.present, search.scored = SimpleNamespace(errors=_errors(error)), None
+    search.trials = SimpleNamespace(problem=SimpleNamespace(train=[run], validate=[still]))
+    nothing: Any = Weighed(search.present, (), 0.0, 0.97, 0.0)
+    found = decide(search, [nothing])
+    assert found.verdict == verdict
+    if verdict == "uncertain":
+        assert found.sentence.startswith("The track is too uncertain to say whether something is missing: the held-out error is")
+        assert "what half of that hides, 8.05 mm, is 24 % of the motion (33 mm" in found.sentence.replace("33.0", "33")
+
+
 def test_a_complete_model_that_its_training_runs_belie_says_so():
     """The held-out run was a slow ramp; fast steps were off by two floors, and a load at the tip would have halved that."""
     search: Any = SimpleNamespace(

@@ -254,6 +254,18 @@ def test_what_is_complete_for_its_held_out_runs_alone_says_no_more(copy: Path) -
     assert "as far as the held-out runs ask" in words(html.split("Missing physics")[1].split("Tip error")[0])
 
 
+def test_a_track_that_cannot_tell_is_not_called_complete(copy: Path) -> None:
+    for file in (copy / "models" / RUNGS[-1] / "diagnosis.json", copy / "ladder.json"):
+        told = json.loads(file.read_text())
+        (told["rungs"][-1] if "rungs" in told else told).update(verdict="uncertain")
+        file.write_text(json.dumps(told))
+    html = page_of(copy)
+    headline = words(re.search(r"<h1>(.*?)</h1>", html)[1])
+    assert headline.startswith("The track is too uncertain to say whether something is missing: ") and "lacked" not in headline
+    assert "track too uncertain to say" in words(html.split('id="ladder"')[1])
+    assert "perhaps more" in words(html.split("Missing physics")[1].split("Tip error")[0])
+
+
 def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:
     file = copy / "ladder.json"
     ladder = json.loads(file.read_text())

@@ -4,7 +4,7 @@ import {h, one} from "./dom.js";
 import {here} from "./server.js";
 import {guarded, order, standing} from "./main.js";
 
-const verdicts = {complete: "complete", missing: "something is missing", unexplained: "unexplained"};
+const verdicts = {complete: "complete", missing: "something is missing", uncertain: "track too uncertain to say", unexplained: "unexplained"};
 const running = new Map(); // folder -> what is said of it while a batch runs
 
 export function build() {
