@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from rfea_vision.campaign import following, plausibility, pointing, repeats
+from rfea_vision.campaign.boards import Look, camera_problems, unlike_photos
 from rfea_vision.campaign.loading import read_campaign
-from rfea_vision.campaign.problems import FileProblem
+from rfea_vision.campaign.problems import FileProblem, problem_at
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.tracked import motion_of
-from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
+from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_stretch, of_tube, of_weight
+from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.errors import InputError, RfeaError
-from rfea_vision.files import sha256_of
+from rfea_vision.files import is_file
 from rfea_vision.readers.source import open_source
 
 if TYPE_CHECKING:
     from rfea_vision.arrays import FloatArray
-    from rfea_vision.artefacts import Actuator, Track
-    from rfea_vision.calibration.board import Board
+    from rfea_vision.artefacts import Track
     from rfea_vision.readers.pressure import PressureLog
 
 
 _Value = TypeVar("_Value")
-_UNREADABLE = "{} is not a readable picture; take it out or copy it again"
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def check_campaign(
     cameras = _cameras(campaign, active)
     total = len(active) + len(cameras)
     for done, (camera, experiment) in enumerate(cameras):
-        problems += _camera_problems(camera, campaign, experiment)
+        problems += camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
     runs = []
@@ -74,7 +74,20 @@ def check_campaign(
     problems += [problem for run in runs for problem in run.problems]
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
+    problems = [_placed(problem, campaign) for problem in problems]
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
+
+
+def _placed(problem: FileProblem, campaign: Campaign) -> FileProblem:
+    """The same at the line of its key; where that is the campaign's, the runs have it all alike."""
+    if problem.line is not None or not problem.key:
+        return problem
+    common = campaign.root / "campaign.yaml"
+    files = [read_yaml(path) for path in dict.fromkeys((problem.file, common)) if path.suffix == ".yaml" and is_file(path)]
+    if not files or (at := problem_at(files, problem.key, problem.message)).line is None:
+        return problem
+    alone = problem.experiment if at.file == problem.file else None
+    return replace(problem, file=at.file, line=at.line, experiment=alone)
 
 
 def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem]) -> list[FileProblem]:
@@ -99,9 +112,22 @@ def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem])
         run.doubt("pressure", repeats.of_rest(name, rests))
     for experiment, key, text in repeats.alike([run.experiment for run in runs], motions):
         next(run for run in runs if run.experiment is experiment).doubt(key, text)
+    unlike = _unlike_films(campaign, runs)
     together = "" if sized else _odd_pressures(runs, highest_kPa)
     text = together or following.together([run.angle for run in runs if run.angle is not None])
-    return [FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning")] if text else []
+    return unlike + ([FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning")] if text else [])
+
+
+def _unlike_films(campaign: Campaign, runs: list[_Run]) -> list[FileProblem]:
+    """Scales that were pointed at in pictures of one size, and are those of runs with others, too."""
+    filmed = [run for run in runs if run.size is not None and run.experiment.camera is not None]
+    found: list[FileProblem] = []
+    while filmed:
+        alike = [run for run in filmed if run is filmed[0] or pointing.one_scale(run.experiment.camera, filmed[0].experiment.camera)]
+        filmed = [run for run in filmed if run not in alike]
+        if text := pointing.of_sizes({run.name or "": run.size for run in alike if run.size is not None}):
+            found.append(FileProblem(campaign.root / "campaign.yaml", text, "camera.scale"))
+    return found
 
 
 def _of_each(runs: list[_Run], what: Callable[[_Run], _Value | None]) -> dict[str, _Value]:
@@ -136,104 +162,6 @@ def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[Cam
     return found
 
 
-@dataclass
-class _Look:
-    """A file of the campaign while what it names is looked at, for one run or for all, and what is wrong."""
-
-    file: Path
-    name: str | None
-    problems: list[FileProblem] = field(default_factory=list, kw_only=True)
-
-    def warn(self, key: str, *texts: str) -> None:
-        self.problems += [FileProblem(self.file, text, key, severity="warning", experiment=self.name) for text in texts]
-
-    def refuse(self, key: str, text: str) -> None:
-        self.problems.append(FileProblem(self.file, text, key, experiment=self.name))
-
-
-def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[FileProblem]:
-    """Read an earlier calibration, and look for the board in every photo."""
-    from rfea_vision.calibration.storage import load_calibration
-
-    look = _Look(campaign.root / "campaign.yaml", None) if experiment is None else _Look(experiment.file, experiment.name)
-    if camera.file is not None:
-        try:
-            load_calibration(camera.file)
-        except RfeaError as error:
-            look.refuse("camera.file", str(error))
-    if camera.board is not None:
-        if text := _of_another_camera(camera):
-            look.refuse("camera.plane", text)
-        _look_at_photos(look, camera, camera.board)
-        if camera.plane is not None:
-            _look_at_plane(look, camera, camera.board, (experiment or campaign).actuator)
-    return look.problems
-
-
-def _look_at_photos(look: _Look, camera: CameraSpec, board: Board) -> None:
-    """Look for the board in the photos of the lens: three with it are needed."""
-    from rfea_vision.calibration.corners import Refused, find_corners
-    from rfea_vision.readers.pictures import read_grey
-
-    seen, refused = 0, dict[str, list[str]]()
-    for photo in (item for item in camera.photos if item != camera.plane):
-        grey = read_grey(photo)
-        if grey is None:
-            look.refuse("camera.photos", _UNREADABLE.format(photo))
-        elif isinstance(found := find_corners(photo, grey, board), Refused):
-            refused.setdefault(found.reason, []).append(photo.name)
-        else:
-            seen += 1
-    for reason, (first, *more) in refused.items():  # what ails many photos alike is said once
-        some = f"{1 + len(more)} photos ({first} to {more[-1]})" if more else first
-        look.warn("camera.photos", f"{some}: {reason}")
-    if camera.photos and seen < 3:
-        text = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
-        look.refuse("camera.photos", text)
-
-
-def _look_at_plane(look: _Look, camera: CameraSpec, board: Board, tube: Actuator) -> None:
-    """Look for the board in the photo of the plane of motion, and how large the tube is beside it."""
-    from rfea_vision.calibration.corners import Refused, find_corners
-    from rfea_vision.readers.pictures import read_grey
-
-    plane = camera.plane
-    grey = None if plane is None else read_grey(plane)
-    if plane is None or grey is None:
-        look.refuse("camera.plane", _UNREADABLE.format(plane))
-        return
-    if twin := _same_picture(plane, camera.photos):
-        text = f"{plane.name} is {twin} once more; photograph the board lying in the plane in which the tube moves"
-        look.warn("camera.plane", text)
-    found = find_corners(plane, grey, board)
-    if isinstance(found, Refused):
-        look.refuse("camera.plane", f"{plane.name}: {found.reason}")
-    elif text := of_square(found.board_mm, found.pixels, grey.shape, tube):
-        look.warn("camera.board.square", text)
-
-
-def _of_another_camera(camera: CameraSpec) -> str:
-    """Why the photo of the plane is not by the camera, or in the mode, of the others; empty where it is, or cannot be read."""
-    from rfea_vision.calibration.photos import read_photo, unlike_film
-
-    plane = None if camera.plane is None else read_photo(camera.plane)
-    first = None if plane is None or not camera.photos else read_photo(camera.photos[0])
-    if plane is None or first is None:
-        return ""
-    own, other = plane.shown().shape[::-1], first.shown(plane).shape[::-1]
-    if not unlike_film(own, other):
-        return ""
-    sizes = f"{plane.file.name} has {own[0]} x {own[1]} px, and {first.file.name} {other[0]} x {other[1]}"
-    return f"{sizes}; photograph the board in the plane with the camera, and in the mode, that films"
-
-
-def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
-    """The name of another photo that is this one, byte by byte; empty where there is none."""
-    size = photo.stat().st_size
-    alike = (item for item in others if item != photo and item.stat().st_size == size)
-    return next((item.name for item in alike if sha256_of(item) == sha256_of(photo)), "")
-
-
 def _looked_at(experiment: ExperimentSpec, *, pressure_said: bool) -> _Run:
     """Read what belongs to a run."""
     run = _Run(experiment.file, experiment.name, experiment)
@@ -252,11 +180,12 @@ def _looked_at(experiment: ExperimentSpec, *, pressure_said: bool) -> _Run:
 
 
 @dataclass
-class _Run(_Look):
+class _Run(Look):
     """A run, and what is found of it while it is looked at, as far as it can be read.
 
     Attributes
     ----------
+    size : width and height (px) of its film's pictures
     track, seconds : its track, and the times (s) of its frames
     motion, line : what moves (frames, 2 or 1); number of points and length (mm) of the centre line
     log, highest_kPa : its pressure log, and the highest pressure
@@ -266,6 +195,7 @@ class _Run(_Look):
     """
 
     experiment: ExperimentSpec
+    size: tuple[int, int] | None = None
     track: Track | None = None
     seconds: FloatArray | None = None
     motion: FloatArray | None = None
@@ -297,7 +227,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     if video.file is not None and video.rate_Hz is not None:
         own = open_source(replace(video, rate_Hz=None))
         run.warn("video.rate", *plausibility.of_rate(video.rate_Hz, own.rate_Hz), *plausibility.of_gaps(own.times_s(), counted=True))
-    run.seconds = source.times_s()
+    run.size, run.seconds = source.size, source.times_s()
     experiment = run.experiment
     if experiment.camera is not None:
         film, gravity_deg = pointing.Film(source.size, len(run.seconds)), experiment.rig.gravity_deg
@@ -308,7 +238,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     if len(run.seconds):
         run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
     run.warn("video", *plausibility.of_gaps(run.seconds))
-    if text := _unlike_photos(experiment.camera, source.size):
+    if text := unlike_photos(experiment.camera, source.size):
         run.refuse("video", text)
 
 
@@ -386,14 +316,3 @@ def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[
     if sync.method == "led" and sync.lamp_box is None:
         return [("sync.box", "is missing; the method 'led' needs the lamp's box in the picture, [x, y, width, height] in px")]
     return []
-
-
-def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
-    """Why the photos of the board cannot calibrate a film of this size; empty where they can, or cannot be read."""
-    from rfea_vision.calibration.photos import reference_photo, unlike_film
-
-    photo = None if camera is None else reference_photo(camera.photos, camera.plane)
-    if camera is None or photo is None or _of_another_camera(camera):  # the latter is said of the camera
-        return ""
-    height, width = photo.shown().shape
-    return unlike_film((width, height), film_px)

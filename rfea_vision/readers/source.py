@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rfea_vision.errors import InputError
+
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import VideoSpec
     from rfea_vision.readers.video import FrameSource
@@ -21,5 +23,6 @@ def open_source(video: VideoSpec) -> FrameSource:
 
     if video.file is not None:
         return open_video(video.file, video.rate_Hz)
-    assert video.frames is not None
+    if video.frames is None:
+        raise InputError("video: is missing, or its file is")
     return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)

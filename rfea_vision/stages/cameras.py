@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
-from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, pointing
 from rfea_vision.campaign.scaling import calibrated_by_scale
-from rfea_vision.errors import InputError
+from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.progress import Progress
 from rfea_vision.readers.source import open_source
 from rfea_vision.stages.runner import Runner, Stage
@@ -39,13 +39,16 @@ def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibrati
     own = experiment.camera != work.campaign.camera
     subject = f"{experiment.name}/camera" if own else work.campaign.name  # a run may be called as its campaign is
     tube = experiment.actuator if own else work.campaign.actuator
-    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject, length_m=tube.length)
+    path = calibration_path(work, experiment)
+    return calibrate(work, experiment.camera, path, subject, length_m=tube.length, asked=experiment)
 
 
-def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str, *, length_m: float) -> Stored[Calibration]:
-    """Calibrate one camera, of a tube of a length, from its photos, or take over an earlier calibration."""
+def calibrate(
+    work: Runner, camera: CameraSpec, path: Path, subject: str, *, length_m: float, asked: ExperimentSpec | None = None
+) -> Stored[Calibration]:
+    """Calibrate one camera, of a tube of a length, from its photos, or take over an earlier calibration, as one run `asked` for it."""
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
-    size = _picture_size(work, camera) if camera.scale is not None else None
+    size = _picture_size(work, camera, asked) if camera.scale is not None else None
     scaled = (camera.hints, size) if camera.scale is not None else None
 
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
@@ -103,12 +106,24 @@ def _calibrated(
     return calibration, said
 
 
-def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
-    """Width and height of the first pictures that were taken with a camera."""
+def _picture_size(work: Runner, camera: CameraSpec, asked: ExperimentSpec | None) -> tuple[int, int]:
+    """Width and height of the pictures in which a scale was pointed at; a film that cannot be opened keeps no other from it."""
+    sizes: dict[str, tuple[int, int]] = {}
+    unreadable: RfeaError | None = None
     for experiment in work.campaign.experiments:
-        if experiment.video is not None and experiment.camera == camera:
-            return open_source(experiment.video).size
-    raise InputError(
+        if experiment.video is None or not pointing.one_scale(experiment.camera, camera):
+            continue
+        if experiment.role == "ignore" and experiment is not asked:
+            continue
+        try:
+            sizes[experiment.name] = open_source(experiment.video).size
+        except RfeaError as error:
+            unreadable = unreadable or error
+    if text := pointing.of_sizes(sizes):
+        raise InputError(f"{work.campaign.root / 'campaign.yaml'}: camera.scale: {text}")
+    if sizes:
+        return next(iter(sizes.values()))
+    raise unreadable or InputError(
         f"{work.campaign.root / 'campaign.yaml'}: camera.scale: no experiment has a video of this camera; give one, "
         "or write the scale into the experiment.yaml whose video it belongs to"
     )

@@ -12,6 +12,9 @@ from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.pointing import Film, of_camera, of_guide, of_hints
 from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.campaign.specs import CameraSpec
+from rfea_vision.errors import InputError
+from rfea_vision.stages import open_campaign
+from rfea_vision.stages.cameras import calibration_of
 
 FILM = Film((480, 640), 4)
 TUBE = Actuator(outer_radius=0.0045, inner_radius=0.002, length=0.12)
@@ -152,3 +155,57 @@ def test_a_guide_that_cannot_act_or_be_read_is_told(tmp_path):
     assert key == "keypoints" and text.startswith("acts where camera.clamp and camera.tip are given")
     ((key, text),), _ = told(hints)
     assert key == "camera.keypoints" and "not (frame, point of 3 or more, xy)" in text
+
+
+def filmed(folder, size, role="train", name=None):
+    """A run with a short film of pictures of a size (width, height), if any."""
+    run = folder / (name or f"of-{size[0]}" if size else name)
+    run.mkdir(parents=True)
+    (run / "experiment.yaml").write_text(
+        f"format: rfea-experiment/1\nname: {run.name}\nrole: {role}\nvideo: {{file: film.avi}}\npressure: {{value: 0 kPa}}\n"
+    )
+    if size:
+        film = cv2.VideoWriter(str(run / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, size)
+        for _ in range(4):
+            film.write(np.full((size[1], size[0], 3), 90, dtype=np.uint8))
+        film.release()
+
+
+@pytest.fixture
+def scaled(tmp_path):
+    (tmp_path / "campaign.yaml").write_text(
+        "format: rfea-campaign/1\nname: c\nactuator: {outer_radius: 4.5 mm, inner_radius: 2 mm, length: 120 mm, bends: right}\n"
+        "camera:\n  vertical: rest\n  scale: {points: [[20, 30], [320, 30]], distance: 100 mm}\n"
+    )
+    return tmp_path
+
+
+def test_a_scale_holds_for_films_of_one_size_alone(scaled):
+    """A run of another size made the tube of a good one 1.6 times as long, and nothing was said."""
+    filmed(scaled, (480, 640))
+    filmed(scaled, (960, 1280), role="ignore")
+    assert not [problem for problem in check_campaign(scaled).problems if problem.key == "camera.scale"]
+    work = open_campaign(scaled)
+    assert calibration_of(work, work.campaign.experiment("of-480")).value.image_width == 480
+    with pytest.raises(InputError, match=r"of-480 have 480 x 640 px, and those of of-960 960 x 1280"):
+        calibration_of(work, work.campaign.experiment("of-960"))
+    file = scaled / "of-960" / "experiment.yaml"
+    file.write_text(file.read_text().replace("role: ignore", "role: train"))
+    (problem,) = [problem for problem in check_campaign(scaled).problems if problem.key == "camera.scale"]
+    assert problem.line == 6 and "write it into the experiment.yaml of the film" in problem.message
+
+
+def test_a_film_that_cannot_be_opened_keeps_no_other_from_its_scale(scaled):
+    filmed(scaled, None, name="a-broken")
+    (scaled / "a-broken" / "film.avi").write_bytes(b"")
+    filmed(scaled, (480, 640))
+    work = open_campaign(scaled)
+    assert calibration_of(work, work.campaign.experiment("of-480")).value.image_width == 480
+
+
+def test_a_hint_of_the_campaign_is_told_at_its_line(scaled):
+    file = scaled / "campaign.yaml"
+    file.write_text(file.read_text().replace("[320, 30]", "[9320, 30]"))
+    filmed(scaled, (480, 640))
+    (problem,) = [problem for problem in check_campaign(scaled).problems if problem.key == "camera.scale.points"]
+    assert (problem.file, problem.line) == (file, 6) and "9320, 30 lies outside the picture" in problem.message
