@@ -216,7 +216,7 @@ class _Draft:
         boards = [path for path in called or pictures if path != plane]
         if not boards:
             board = "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}"
-            points = "two points of the first frame and what lies between them, where there is no board"
+            points = "two points of the first frame and what lies between them, where there is no board; 'rfea open' points at them"
             return [
                 Key("board", None, "a board, with 'photos' of it; or 'scale'", board),
                 Key("scale", None, points, "{points: [[x, y], [x, y]], distance: 155 mm}"),

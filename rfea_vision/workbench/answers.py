@@ -139,23 +139,23 @@ def picture(asked: Asked) -> Response:
 
 def photo(asked: Asked) -> Response:
     """One photo of the board."""
-    return Response(loaded("workbench.pointing").photo(asked.opened.campaign(), asked.number), media_type="image/jpeg")
+    return Response(loaded("workbench.pointing").photo(asked.opened.as_far_as_read(), asked.number), media_type="image/jpeg")
 
 
 def outline(asked: Asked) -> Json:
     """What was tracked in one frame."""
-    return loaded("workbench.pointing").outline(asked.opened.campaign(), asked.experiment, int(asked["frame"]))
+    return loaded("workbench.pointing").outline(asked.opened.as_far_as_read(), asked.experiment, int(asked["frame"]))
 
 
 def refused(asked: Asked) -> Json:
     """Frames that were refused for one reason."""
-    campaign, reason = asked.opened.campaign(), str(asked["reason"])
+    campaign, reason = asked.opened.as_far_as_read(), str(asked["reason"])
     return {"frames": loaded("workbench.pointing").refused(campaign, asked.experiment, reason)}
 
 
 def hint(asked: Asked) -> Json:
     """Write a hint into the files, or take it away."""
-    campaign, key, everywhere = asked.opened.campaign(), str(asked["key"]), bool(asked["all"])
+    campaign, key, everywhere = asked.opened.as_far_as_read(), str(asked["key"]), bool(asked["all"])
     write = loaded("workbench.pointing").write_hint
     return {"file": shown(write(campaign, asked.experiment, key, asked["value"], everywhere=everywhere))}
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from rfea_vision.units import counted
+
 #: Share of refused frames from which the films come before the model.
 MANY_REFUSED = 0.2
 #: What `rfea track` says of a film in which a hint helps; a file that cannot be read needs another remedy.
@@ -22,6 +24,17 @@ def mend(problems: list[str]) -> Advice:
     """What to do with a campaign that cannot be read."""
     more = f" and {len(problems) - 1} more: 'rfea check' lists them" if len(problems) > 1 else ""
     return _step("setup", f"The campaign cannot be read yet: {problems[0]}{more}", "Look again")
+
+
+def point_at_scale(experiments: list[dict[str, Any]], others: int) -> Advice | None:
+    """Of films of which nothing says how long a pixel is, the first one's; `others` are mistakes of another kind."""
+    name = next((item["name"] for item in experiments if item["pictures"] and item["pointable"] == ("scale",)), None)
+    if name is None:
+        return None
+    more = f" Beside that {counted(others, 'thing')} to mend: 'rfea check' says what." if others else ""
+    say = f"The film of {name} has no scale yet: click two points in it a known distance apart, or give photos of a board.{more}"
+    step = _step("setup", say, "Point at them", experiment=name)
+    return step | {"tool": "scale", "otherwise": _step("setup", say, "Look again")}
 
 
 def next_step(

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import ModelFit
-from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
+from rfea_vision.campaign import Campaign, ExperimentSpec, Reading, load_campaign, read_campaign
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError
 from rfea_vision.report.collect import Evidence, collect
 from rfea_vision.workbench.evidence import DRAWN, evidence_packet, stamps
 from rfea_vision.workbench.loading import loaded
+from rfea_vision.workbench.state import runs_of
 
 if TYPE_CHECKING:
     from rfea_vision.workbench.play import Chosen, Player
@@ -28,7 +29,7 @@ class OpenedCampaign:
         self.out = out if out is not None else folder / OUTPUT_FOLDER
         self._lock = threading.Lock()
         self._read: tuple[object, Evidence, bytes] | None = None
-        self._campaign: tuple[object, Campaign] | None = None
+        self._reading: tuple[object, Reading] | None = None
         self._player: tuple[object, Player] | None = None
 
     def evidence(self) -> tuple[Evidence, bytes]:
@@ -51,21 +52,38 @@ class OpenedCampaign:
         InputError
             If they cannot be read.
         """
+        reading = self._read_files()
+        if reading.campaign is None or _errors(reading):
+            return load_campaign(self.folder, self.out)  # which says what is wrong
+        return reading.campaign
+
+    def as_far_as_read(self) -> Campaign:
+        """The campaign as its files now say, though some of what they say be wrong: one may still point at its films.
+
+        Raises
+        ------
+        InputError
+            If nothing of it can be read.
+        """
+        return self._read_files().campaign or self.campaign()
+
+    def _read_files(self) -> Reading:
         age = stamps(self.folder, "campaign.yaml", "experiment.yaml", "*/experiment.yaml")
         with self._lock:
-            if self._campaign is None or self._campaign[0] != age:
-                self._campaign = (age, load_campaign(self.folder, self.out))
-            return self._campaign[1]
+            # what is wrong may be mended elsewhere than in these files: a film that was lacking is there
+            if self._reading is None or self._reading[0] != age or _errors(self._reading[1]):
+                self._reading = (age, read_campaign(self.folder, self.out))
+            return self._reading[1]
 
     def experiment(self, number: int) -> ExperimentSpec:
-        """An experiment by its number on the page: those with the role `ignore` are not counted.
+        """An experiment by its number on the page: those with the role `ignore` are not counted, those with mistakes are.
 
         Raises
         ------
         InputError
             If there is none of this number.
         """
-        active = [item for item in self.campaign().experiments if item.role != "ignore"]
+        active = runs_of(self._read_files())
         if not 0 <= number < len(active):
             raise InputError(f"{self.folder}: has no experiment {number + 1}")
         return active[number]
@@ -91,6 +109,10 @@ class OpenedCampaign:
         if model not in known:
             raise InputError(f"{model}: no such model yet; 'rfea fit' makes one")
         return loaded("workbench.play").Chosen(load_fit(known[model], known[model].stat().st_mtime_ns), effects, files)
+
+
+def _errors(reading: Reading) -> bool:
+    return any(problem.severity == "error" for problem in reading.problems)
 
 
 @lru_cache(maxsize=32)

@@ -21,7 +21,8 @@ from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.scene import matched_to
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
-from rfea_vision.workbench.state import POINTABLE
+from rfea_vision.workbench.scales import write_scale
+from rfea_vision.workbench.state import HINTS
 from rfea_vision.workbench.yaml_edit import set_keys
 
 LONGEST_SIDE_PX, QUALITY = 1600, 88  # of what is sent to the page; hints are in pixels of the film itself
@@ -45,7 +46,7 @@ def source_of(experiment: ExperimentSpec) -> FrameSource:
     InputError
         If it has no pictures.
     """
-    if experiment.video is None:
+    if experiment.video is None or (experiment.video.file or experiment.video.frames) is None:
         raise InputError(f"{experiment.name}: has no pictures; its track came from another tool")
     return _source(experiment.video)
 
@@ -141,8 +142,10 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
     InputError
         If it is no hint that one points at, lies outside of the picture, or the file's form does not allow the change.
     """
-    if key not in POINTABLE:
-        raise InputError(f"camera.{key}: is set by hand; one points at {', '.join(POINTABLE)}")
+    if key not in ("scale", *HINTS):
+        raise InputError(f"camera.{key}: is set by hand; one points at scale, {', '.join(HINTS)}")
+    if value is None and key == "scale":
+        raise InputError("camera.scale: nothing is measured without it; point at another one")
     if value is not None:
         source = source_of(experiment)
         width, height = source.size
@@ -151,6 +154,8 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
                 raise InputError(f"camera.{key}: {x:g}, {y:g} lies outside the picture of {width} x {height} px")
         if key == "corrections" and not all(0 < later["frame"] < len(source.times_s()) for later in value):
             raise InputError(f"camera.{key}: a frame is none of the film's after the first; point at the tube in one of these")
+    if key == "scale" and value is not None:
+        return write_scale(campaign, experiment, source_of(experiment).size, value, everywhere=everywhere)
     shared = campaign.root / "campaign.yaml"
     file = shared if everywhere and key != "corrections" and shared.is_file() else experiment.file  # frames are those of one film
     set_keys(file, {("camera", key): value})
@@ -161,6 +166,8 @@ def _points(key: str, value: Any) -> Sequence[tuple[float, float]]:
     """Points that have to lie in the picture; of boxes the two corners."""
     if key in ("clamp", "centre_line"):
         return [(float(x), float(y)) for x, y in value]
+    if key == "scale":
+        return [(float(x), float(y)) for x, y in value["points"]]
     if key == "corrections":
         return [(float(x), float(y)) for later in value for x, y in later["points"]]
     if key == "tip":

@@ -12,22 +12,24 @@ import h5netcdf
 import numpy as np
 
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.campaign import Campaign, ExperimentSpec, read_campaign
+from rfea_vision.campaign import Campaign, ExperimentSpec, Reading, read_campaign
 from rfea_vision.options.fit import SEGMENTS
 from rfea_vision.report.camera import read_camera
 from rfea_vision.stages.cache import StageCache, as_json
 from rfea_vision.stages.warnings import DOUBTS, is_doubt
-from rfea_vision.workbench.guide import mend, next_step
+from rfea_vision.workbench.guide import mend, next_step, point_at_scale
+from rfea_vision.workbench.scales import is_scaled, scale_told
 
 #: Hints that one can point at: fields of `artefacts.Hints`, keys below `camera` in the files.
-POINTABLE = ("clamp", "tip", "centre_line", "corrections", "region", "exclude")
+HINTS = ("clamp", "tip", "centre_line", "corrections", "region", "exclude")
 
 
 def state_of(folder: Path, out: Path | None, failed: str = "") -> dict[str, Any]:
     """Everything about a campaign that the page shows beside its figures; `failed` as in `guide.next_step`."""
     reading = read_campaign(folder, out)
     campaign = reading.campaign
-    problems = [str(problem) for problem in reading.problems if problem.severity == "error"]
+    errors = [problem for problem in reading.problems if problem.severity == "error"]
+    problems = [str(problem) for problem in errors]
     if campaign is None:
         return {
             "name": folder.name,
@@ -39,13 +41,22 @@ def state_of(folder: Path, out: Path | None, failed: str = "") -> dict[str, Any]
             "next": mend(problems),
         }
     cache = StageCache(campaign.out)
-    experiments = [_experiment(campaign, item, cache) for item in campaign.experiments if item.role != "ignore"]
+    experiments = [_experiment(campaign, item, cache) for item in runs_of(reading)]
     models, report = _models(campaign.out), _report(campaign.out)
     state = {
         "name": campaign.name, "folder": str(campaign.root), "problems": problems, "experiments": experiments,
-        "models": models, "photos": _photos(campaign), "pointable": POINTABLE, "report": report is not None,
+        "models": models, "photos": _photos(campaign), "report": report is not None,
     }  # fmt: skip
-    return state | {"next": mend(problems) if problems else next_step(experiments, models, report, failed)}
+    if not problems:
+        return state | {"next": next_step(experiments, models, report, failed)}
+    others = sum(problem.key.split(".")[0] != "camera" for problem in errors)
+    return state | {"next": point_at_scale(experiments, others) or mend(problems)}
+
+
+def runs_of(reading: Reading) -> list[ExperimentSpec]:
+    """The runs of a campaign in the order of their folders, those with mistakes too: their films help to mend them."""
+    runs = [*reading.campaign.experiments, *reading.broken] if reading.campaign is not None else []
+    return sorted((item for item in runs if item.role != "ignore"), key=lambda item: item.folder)
 
 
 def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> dict[str, Any]:
@@ -54,9 +65,11 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
     return {
         "name": item.name,
         "role": item.role,
-        "pictures": item.video is not None,
+        "pictures": item.video is not None and (item.video.file or item.video.frames) is not None,
         "logged": not item.pressure.missing,
-        "hints": {key: as_json(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
+        "hints": {key: as_json(getattr(camera.hints, key)) for key in HINTS} if camera is not None else {},
+        "scale": scale_told(campaign, item),
+        "pointable": _pointable(campaign, item),
         "sync": {"method": sync.method, "value_s": sync.value, "box": sync.lamp_box, "channel": sync.channel},
         "bends": item.actuator.bends,
         "tracked": _track(folder / "track.nc"),
@@ -65,13 +78,21 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
     }
 
 
+def _pointable(campaign: Campaign, item: ExperimentSpec) -> tuple[str, ...]:
+    """What one can point at: first the scale, if nothing gives it; where a board does, only the rest."""
+    if not is_scaled(campaign, item):
+        return ("scale",)
+    calibrated = item.camera is not None and item.camera.scale is None
+    return HINTS if calibrated else ("scale", *HINTS)
+
+
 def _changed(item: ExperimentSpec, cache: StageCache) -> bool:
     """Whether the track was made with other hints than those that now stand in the files."""
     record = cache.record(f"track/{item.name}")
     if record is None or item.camera is None or "camera" not in record.options:
         return False
     now, then = as_json(item.camera.hints), record.options["camera"].get("hints", {})
-    return any((then.get(key) or None) != (now[key] or None) for key in POINTABLE)
+    return any((then.get(key) or None) != (now[key] or None) for key in HINTS)
 
 
 def _track(file: Path) -> dict[str, Any] | None:

@@ -1,11 +1,12 @@
 """One key of a YAML file set, and not a byte of the rest touched: what people wrote, and how, is theirs.
 
 The parser says where the value stands; the text between is replaced. What comes out is parsed again and must differ from
-what went in by that key alone, else nothing is written.
+what went in by that key alone, else nothing is written. The example that `rfea init` left of that very key gives way to it.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -79,9 +80,12 @@ def _changed(text: str, keys: Keys, value: object) -> str:
     if node is None:
         return text + _lines(keys, value, 0, "\n")
     newline = "\r\n" if "\r\n" in text else "\n"
-    above = None
+    above, block = None, True
     for depth, key in enumerate(keys):
         if not isinstance(node, yaml.MappingNode):
+            if above is not None and block and node.start_mark.index == node.end_mark.index:  # nothing but comments below it
+                column = above.start_mark.column + INDENT
+                return _put(text, _comments_end(text, above, column), keys[depth:], value, column, newline)
             nested = _nested(keys[depth:], value)
             if above is not None:
                 return _replaced(text, above, node, nested)
@@ -89,6 +93,7 @@ def _changed(text: str, keys: Keys, value: object) -> str:
         entry = next((pair for pair in node.value if pair[0].value == key), None)
         if entry is None:
             return _inserted(text, node, keys[depth:], value, newline)
+        block = block and not node.flow_style
         above, node = entry
         if depth == len(keys) - 1:
             return _replaced(text, above, node, value)
@@ -110,11 +115,45 @@ def _inserted(text: str, node: yaml.MappingNode, keys: Keys, value: object, newl
     if node.flow_style:
         last = _end(node.value[-1][1]) if node.value else node.start_mark.index + 1
         return text[:last] + (", " if node.value else "") + flow(_nested(keys, value))[1:-1] + text[last:]
-    last = _end(node.value[-1][1])
-    line_end = text.find("\n", max(last - 1, 0))  # behind a comment that stands on the same line
-    at = len(text) if line_end < 0 else line_end + 1
-    lead = newline if line_end < 0 else ""
-    return text[:at] + lead + _lines(keys, value, node.value[0][0].start_mark.column, newline) + text[at:]
+    at = _line_end(text, _end(node.value[-1][1]))  # behind a comment that stands on the same line
+    return _put(text, at, keys, value, node.value[0][0].start_mark.column, newline)
+
+
+def _put(text: str, at: int, keys: Keys, value: object, column: int, newline: str) -> str:
+    """Put a key where a line begins, or in place of the example that `rfea init` left for it in the same block."""
+    lines = _lines(keys, value, column, newline)
+    example = re.compile(rf"[ ]{{{column}}}# {re.escape(keys[0])}: [^\n]*# needed: [^\n]*(\n|$)")
+    for start in _block_around(text, at, column):
+        if found := example.match(text, start):
+            return text[:start] + lines + text[found.end() :]
+    lead = "" if at == 0 or text[at - 1] == "\n" else newline
+    return text[:at] + lead + lines + text[at:]
+
+
+def _block_around(text: str, at: int, column: int) -> list[int]:
+    """Where the lines begin above a place that stand as far in as its block, and those of comments below it."""
+    first = at
+    while first > 0 and text.startswith(" " * column, before := text.rfind("\n", 0, first - 1) + 1):
+        first = before
+    starts = []
+    while first < len(text) and (first < at or text[first : _line_end(text, first + 1)].lstrip().startswith("#")):
+        starts.append(first)
+        first = _line_end(text, first + 1)
+    return starts
+
+
+def _comments_end(text: str, key: yaml.Node, column: int) -> int:
+    """Where the comments end that stand below a key, as far in as its keys would."""
+    at = _line_end(text, key.end_mark.index)
+    while (line := text[at : (after := _line_end(text, at + 1))].lstrip(" ")).startswith("#") and after - at - len(line) >= column:
+        at = after
+    return at
+
+
+def _line_end(text: str, index: int) -> int:
+    """Where the line behind the one begins in which the character before `index` stands."""
+    found = text.find("\n", max(index - 1, 0))
+    return len(text) if found < 0 else found + 1
 
 
 def _end(node: yaml.Node) -> int:

@@ -28,6 +28,7 @@ camera:
 sync: motion # try led
 """
 CLAMP = [[10.5, 20], [30, 20]]
+SCALE = {"points": [[10, 20], [10, 220]], "distance": "155 mm"}
 
 
 @pytest.mark.parametrize(
@@ -118,3 +119,22 @@ def test_a_lone_experiment_holds_what_is_pointed_at_for_all_films(tmp_path):
     experiment: Any = SimpleNamespace(file=file)
     assert write_hint(campaign, experiment, "tip", None, everywhere=True) == file
     assert yaml.safe_load(file.read_text())["camera"]["tip"] is None
+
+
+BARE = """camera:
+  # board: {kind: checkerboard}  # needed: a board, with 'photos' of it; or 'scale'
+  # scale: {points: [[x, y], [x, y]], distance: 155 mm}  # needed: two points of the first frame
+sync: motion
+"""
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_key_goes_below_a_heading_in_place_of_its_example(end):
+    changed = with_key(BARE.replace("\n", end), ("camera", "scale"), SCALE)
+    lines = BARE.splitlines()
+    lines[2] = "  scale: {points: [[10, 20], [10, 220]], distance: 155 mm}"
+    assert changed.split(end) == [*lines, ""]
+    beside = with_key(BARE, ("camera", "clamp"), CLAMP)
+    assert beside.splitlines() == [*BARE.splitlines()[:3], "  clamp: [[10.5, 20], [30, 20]]", "sync: motion"]
+    assert "# scale" not in with_key(beside, ("camera", "scale"), SCALE)
+    assert with_key("camera:  # a phone", ("camera", "tip"), [1, 2]) == "camera:  # a phone\n  tip: [1, 2]\n"

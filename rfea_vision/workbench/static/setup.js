@@ -2,11 +2,13 @@
 import {show} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
+import * as scale from "./scale.js";
 import {begin, campaign, complain, guarded, onJob, order, reload as reloadAll} from "./main.js";
 
 const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
 const tools = {
   look: {label: "Look", say: "Is the tube not found, or something else? Choose what to point at; the slider moves through the film."},
+  scale: {...scale.tool, count: 2},
   clamp: {label: "Clamp", count: 2, say: "First frame: click both edges of the first cross-section that is seen."},
   tip: {label: "Tip", count: 1, say: "First frame: click the middle of the tube's free end."},
   centre_line: {label: "Centre line", count: 5, say: "First frame: click five points along the middle of the tube, from the clamp to the free end."},
@@ -26,6 +28,7 @@ export function build() {
       h("div", {},
         h("div", {class: "pointers", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
         h("p", {class: "muted", id: "tool-say", role: "status"}, tools.look.say),
+        scale.form(keepScale),
         h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}}),
         h("div", {class: "transport"}, h("input", {type: "range", id: "frame-slider", min: "0", max: "0", value: "0", aria: {label: "Frame"}}), h("output", {id: "frame-clock"})),
         h("p", {id: "frame-reason", class: "muted"})),
@@ -35,7 +38,7 @@ export function build() {
         h("div", {class: "buttons"}, h("button", {type: "button", id: "try", onclick: tryOut}, "Try the first 2 s"), h("button", {type: "button", id: "measure", onclick: () => begin(run().logged ? "sync" : "track", {names: [run().name]}, `Measure ${run().name}`)}, "Measure this film")),
         h("h3", {}, "Refused frames"), h("ul", {class: "plainlist", id: "refused"}),
         h("h3", {}, "Photos of the board"), h("ul", {class: "plainlist", id: "photos"}))),
-    h("p", {class: "absent", id: "no-films", hidden: true}, "No run of this campaign has pictures: the tracks came from another tool."));
+    h("p", {class: "absent", id: "no-films", hidden: true}, ""));
   one("#frame-slider").addEventListener("input", event => goTo(Number(event.target.value)));
   pointing(one("#frame"));
   new ResizeObserver(paint).observe(one("#pointing"));
@@ -46,15 +49,17 @@ export function build() {
 export function reload() {
   const films = filmed();
   one("#no-films").hidden = films.length > 0; one("#pointing").hidden = !films.length;
+  one("#no-films").textContent = campaign.state.problems.length ? "No film can be shown yet: mend first what is said above." : "No run of this campaign has pictures: the tracks came from another tool.";
   seen.run = Math.min(seen.run, Math.max(0, films.length - 1));
   one("#films").replaceChildren(...films.map((e, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === seen.run)}, data: {film: e.name}, onclick: () => choose(i)}, e.name, " ", h("small", {}, e.tracked ? `${Math.round(100 * e.tracked.good / e.tracked.frames)} %` : "new"))));
   if (!films.length) return;
-  one("#tools").replaceChildren(...Object.entries(tools).filter(([key]) => key === "look" || campaign.state.pointable.includes(key)).map(([key, tool]) => h("button", {type: "button", role: "radio", aria: {checked: String(key === seen.tool)}, data: {tool: key}, onclick: () => take(key)}, tool.label)));
+  one("#tools").replaceChildren(...Object.entries(tools).filter(([key]) => key === "look" || run().pointable.includes(key)).map(([key, tool]) => h("button", {type: "button", role: "radio", aria: {checked: String(key === seen.tool)}, data: {tool: key}, onclick: () => take(key)}, tool.label)));
+  for (const button of every("#try, #measure")) button.disabled = !run().pointable.includes("clamp"); // without a scale nothing is measured
   showHints(); showRefused(); showPhotos();
   if (campaign.panel === "setup") shown();
 }
 export function shown() { if (filmed().length) guarded(() => openFilm()); }
-function choose(i) { playing++; Object.assign(seen, {run: i, frame: 0, film: null, photo: -1, points: []}); reload(); }
+function choose(i) { playing++; Object.assign(seen, {run: i, frame: 0, film: null, photo: -1, points: []}); take("look"); reload(); }
 
 export function pointAt(name, tool) {
   const film = filmed().findIndex(e => e.name === name);
@@ -124,6 +129,7 @@ export function paint() {
   const dot = (point, colour) => { const [x, y] = at(point); c.beginPath(); c.arc(x, y, 4.5, 0, 7); c.fillStyle = colour; c.fill(); c.strokeStyle = "#fff"; c.lineWidth = 1.5; c.stroke(); };
   const box = ([x, y, w0, h0], colour, fill) => { const [a, b] = at([x, y]); if (fill) { c.fillStyle = fill; c.fillRect(a, b, w0 * s, h0 * s); } c.strokeStyle = colour; c.lineWidth = 2; c.setLineDash([6, 4]); c.strokeRect(a, b, w0 * s, h0 * s); c.setLineDash([]); };
   const hints = run().hints;
+  if (run().scale) scale.paint(c, run().scale, at);
   if (hints.region) box(hints.region, "#2ec4a0");
   for (const one_ of hints.exclude ?? []) box(one_, "#ff7b6b", "rgb(255 123 107 / .25)");
   if (run().sync.box) box(run().sync.box, "#f0e442");
@@ -135,6 +141,7 @@ export function paint() {
     if (hints.tip) dot(hints.tip, "#dd9dc2");
   }
   for (const {points} of (hints.corrections ?? []).filter(later => later.frame === seen.frame)) points.forEach((point, i) => dot(point, i + 1 < points.length ? "#56b4e9" : "#dd9dc2"));
+  if (seen.tool === "scale" && seen.points.length === 2) stroke(seen.points, "#f0e442", 2);
   seen.points.forEach(point => dot(point, "#f0e442"));
   if (seen.drag) box(boxOf(seen.drag), "#f0e442");
   if (seen.cursor) { const [x, y] = at(seen.cursor); c.strokeStyle = "#fff"; c.lineWidth = 1; c.beginPath(); c.moveTo(x - 12, y); c.lineTo(x + 12, y); c.moveTo(x, y - 12); c.lineTo(x, y + 12); c.stroke(); }
@@ -169,13 +176,19 @@ function take(key) {
   seen.tool = key; seen.points = []; seen.cursor = null;
   for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
   one("#tool-say").textContent = tools[key].say;
+  one("#scale-form").hidden = key !== "scale"; one("#for-all").parentElement.hidden = key === "scale"; // which is of all films unless it is said
+  if (key === "scale") { scale.fill(run().scale); scale.ready([]); }
   if (key !== "look" && !tools[key].later && seen.film) goTo(0); // hints are pixels of the first frame
+  if (key === "scale" && run().scale?.distance) { seen.points = run().scale.points.map(at => [...at]); scale.ready(seen.points); } // another distance may be typed
   if (key !== "look") one("#frame").focus({preventScroll: true});
 }
 function point(at) {
   const tool = tools[seen.tool];
   if (tool.later && seen.frame === 0) { one("#tool-say").textContent = "Go to a later frame first: in this one the clamp, the tip and the centre line are pointed at."; return; }
+  if (seen.points.length === tool.count) seen.points = []; // a scale is clicked anew
   seen.points.push(at);
+  if (seen.tool === "scale") scale.ready(seen.points);
+  if (seen.tool === "scale" && seen.points.length === 2) { one("#tool-say").textContent = "Type what lies between the two points."; setTimeout(() => one("#scale-distance").focus({preventScroll: true})); return paint(); } // after the click has given its focus to the picture
   if (seen.points.length < tool.count) { one("#tool-say").textContent = `${tool.say} ${seen.points.length} of ${tool.count}.`; return paint(); }
   const points = seen.points;
   seen.points = [];
@@ -190,6 +203,17 @@ function finishBox(box) {
   keep(seen.tool, tools[seen.tool].many ? [...(run().hints[seen.tool] ?? []), box] : box);
 }
 
+// A scale that is refused stays as it was clicked and typed, to be mended.
+async function keepScale() {
+  const e = run();
+  if (seen.points.length !== 2) return;
+  const said = await (written = written.then(() => guarded(() => ask(`hint/${numberOf(e)}`, {key: "scale", value: scale.asked(seen.points), all: !scale.alone()}))));
+  if (!said) return;
+  seen.tried.delete(e.name);
+  take("look");
+  one("#tool-say").textContent = `${said.file}: camera.scale written.`;
+  await guarded(reloadAll);
+}
 // A hint goes into the files at once, one after the other; taken away, its key is set to null.
 let written = Promise.resolve();
 async function keep(key, value) {
@@ -205,15 +229,16 @@ async function keep(key, value) {
 function showHints() {
   const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, centre_line: v => `${v.length} points`, corrections: v => `in ${v.length === 1 ? "frame" : "frames"} ${v.map(later => later.frame).join(", ")}`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
   const there = Object.keys(words).filter(key => hints[key] && (!Array.isArray(hints[key]) || hints[key].length));
-  one("#hints").replaceChildren(...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
-    ...(there.length ? [] : [h("li", {class: "muted"}, "Nothing: the tube is looked for in the whole picture.")]));
+  const scaled = run().scale && h("li", {}, h("b", {}, tools.scale.label), " ", h("span", {class: "muted"}, scale.words(run().scale)), " ", h("button", {type: "button", class: "plain", onclick: () => take("scale")}, "change"));
+  one("#hints").replaceChildren(...(scaled ? [scaled] : []), ...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
+    ...(there.length ? [] : [h("li", {class: "muted"}, run().pointable.includes("clamp") ? "No hint: the tube is looked for in the whole picture." : "Nothing: the scale comes first.")]));
 }
 
 function showRefused() {
   const found = run().tracked?.reasons ?? [], count = run().tracked;
   one("#refused").replaceChildren(...(count ? [h("li", {class: "muted"}, `${count.frames - count.good} of ${count.frames} frames${run().changed ? "; the hints have changed since" : ""}.`)] : [h("li", {class: "muted"}, "Not measured yet.")]),
     ...found.map(({reason, words, frames, tool, button}) =>
-      h("li", {}, h("b", {}, String(frames)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, button) : null)));
+      h("li", {}, h("b", {}, String(frames)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), run().pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, button) : null)));
 }
 async function nextRefused(reason) {
   const {frames} = await get(`refused/${numberOf(run())}?reason=${encodeURIComponent(reason)}`);
@@ -222,7 +247,7 @@ async function nextRefused(reason) {
 }
 function showPhotos() {
   one("#photos").replaceChildren(...campaign.state.photos.map((photo, i) => h("li", {}, h("button", {type: "button", class: "plain", onclick: () => showPhoto(i)}, photo.name), " ", h("span", {class: "muted"}, photo.note))),
-    ...(campaign.state.photos.length ? [] : [h("li", {class: "muted"}, "None: the scale comes from elsewhere.")]));
+    ...(campaign.state.photos.length ? [] : [h("li", {class: "muted"}, run().pointable.includes("clamp") ? "None: the scale comes from elsewhere." : "None.")]));
 }
 
 // -- the track of the first seconds, over the film while it is made ---------------------------------------------------------
