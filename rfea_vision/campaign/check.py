@@ -13,6 +13,7 @@ from rfea_vision.campaign import following, plausibility, pointing, repeats
 from rfea_vision.campaign.boards import Look, camera_problems, unlike_photos
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem, problem_at
+from rfea_vision.campaign.scaling import of_sizes, one_scale
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_stretch, of_tube, of_weight
@@ -123,9 +124,9 @@ def _unlike_films(campaign: Campaign, runs: list[_Run]) -> list[FileProblem]:
     filmed = [run for run in runs if run.size is not None and run.experiment.camera is not None]
     found: list[FileProblem] = []
     while filmed:
-        alike = [run for run in filmed if run is filmed[0] or pointing.one_scale(run.experiment.camera, filmed[0].experiment.camera)]
+        alike = [run for run in filmed if run is filmed[0] or one_scale(run.experiment.camera, filmed[0].experiment.camera)]
         filmed = [run for run in filmed if run not in alike]
-        if text := pointing.of_sizes({run.name or "": run.size for run in alike if run.size is not None}):
+        if text := of_sizes({run.name or "": run.size for run in alike if run.size is not None}):
             found.append(FileProblem(campaign.root / "campaign.yaml", text, "camera.scale"))
     return found
 

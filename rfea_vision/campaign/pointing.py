@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -50,25 +49,6 @@ def of_camera(
     except InputError as error:
         wrong.append(("masks" if camera.hints.keypoints is None else "keypoints", str(error)))
     return [(f"camera.{key}", text) for key, text in wrong], [(f"camera.{key}", text) for key, text in odd]
-
-
-def one_scale(one: CameraSpec | None, other: CameraSpec | None) -> bool:
-    """Whether two runs have the pixels of one scale: it was pointed at in one film, and holds for films of the same size alone."""
-    if one is None or other is None or one.scale is None:
-        return False
-    return one == other or (isinstance(one.scale, ScalePart) and one.scale == other.scale)
-
-
-def of_sizes(sizes: Mapping[str, tuple[int, int]]) -> str:
-    """Why one scale cannot hold for films of these `sizes` (px) by their runs; empty where it can."""
-    first = dict[tuple[int, int], str]()
-    for name, size in sizes.items():
-        first.setdefault(size, name)
-    if len(first) < 2:
-        return ""
-    (one, name), (other, elsewhere) = list(first.items())[:2]
-    unlike = f"the pictures of {name} have {one[0]} x {one[1]} px, and those of {elsewhere} {other[0]} x {other[1]}"
-    return f"{unlike}; write it into the experiment.yaml of the film that it was pointed at in, and one of its own for the other"
 
 
 def of_guide(hints: Hints, film: Film) -> list[tuple[str, str]]:

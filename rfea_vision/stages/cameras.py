@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
-from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, pointing
-from rfea_vision.campaign.scaling import calibrated_by_scale
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.campaign.scaling import calibrated_by_scale, of_sizes, one_scale
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.progress import Progress
 from rfea_vision.readers.source import open_source
@@ -111,7 +111,7 @@ def _picture_size(work: Runner, camera: CameraSpec, asked: ExperimentSpec | None
     sizes: dict[str, tuple[int, int]] = {}
     unreadable: RfeaError | None = None
     for experiment in work.campaign.experiments:
-        if experiment.video is None or not pointing.one_scale(experiment.camera, camera):
+        if experiment.video is None or not one_scale(experiment.camera, camera):
             continue
         if experiment.role == "ignore" and experiment is not asked:
             continue
@@ -119,7 +119,7 @@ def _picture_size(work: Runner, camera: CameraSpec, asked: ExperimentSpec | None
             sizes[experiment.name] = open_source(experiment.video).size
         except RfeaError as error:
             unreadable = unreadable or error
-    if text := pointing.of_sizes(sizes):
+    if text := of_sizes(sizes):
         raise InputError(f"{work.campaign.root / 'campaign.yaml'}: camera.scale: {text}")
     if sizes:
         return next(iter(sizes.values()))
