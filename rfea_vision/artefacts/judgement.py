@@ -241,8 +241,18 @@ class Floors(_Json):
     unit: Literal["mm", "deg"] = "mm"
 
 
-def verdict_in_words(verdict: str, asks_less: bool) -> str:
+UNCERTAIN = "uncertain"
+
+
+def outcome_of(verdict: str, uncertain: bool) -> str:
+    """The verdict, or `UNCERTAIN` where a model is complete over a floor that would hide what matters: none to rest on."""
+    return UNCERTAIN if uncertain else verdict
+
+
+def verdict_in_words(verdict: str, asks_less: bool, uncertain: bool) -> str:
     """The verdict as people read it: of a model that is complete for its held-out runs alone, no more than that."""
+    if uncertain:
+        return "uncertain: the track hides what would matter"
     return f"{verdict} as far as the held-out runs ask" if asks_less else verdict
 
 
@@ -251,8 +261,7 @@ class Diagnosis(_Json):
 
     format: Literal["rfea-diagnosis/1"] = "rfea-diagnosis/1"
     model: str
-    # uncertain: the error is at a floor that hides what would matter
-    verdict: Literal["missing", "complete", "uncertain", "unexplained"]
+    verdict: Literal["missing", "complete", "unexplained"]
     sentence: str = ""
     named: list[str] = Field(default_factory=list)
     # what lowers the held-out error together, though hardly its cause
@@ -262,6 +271,7 @@ class Diagnosis(_Json):
     sets: list[EffectSet] = Field(default_factory=list)
     sufficient: bool | None = None  # whether what is left once everything named is added is at the floor
     asks_less: bool = False  # whether `complete` holds for the held-out runs alone: training runs ask more, and are farther off
+    uncertain: bool = False  # whether `complete` says little: the error is at a floor that would hide what matters
     remainder: Remainder | None = None
     floors: Floors | None = None
     where: list[WorstPlace] = Field(default_factory=list)
@@ -276,7 +286,12 @@ class Diagnosis(_Json):
     @property
     def said(self) -> str:
         """The verdict as people read it."""
-        return verdict_in_words(self.verdict, self.asks_less)
+        return verdict_in_words(self.verdict, self.asks_less, self.uncertain)
+
+    @property
+    def outcome(self) -> str:
+        """The verdict, or that it is too uncertain."""
+        return outcome_of(self.verdict, self.uncertain)
 
     def rivals_of(self, effect: str) -> list[str]:
         """The other members of the tie that an effect belongs to: the data cannot tell it from these."""
@@ -296,6 +311,7 @@ class Rung(_Json):
     delta_bic: float | None
     verdict: str
     asks_less: bool = False  # as in `Diagnosis`
+    uncertain: bool = False
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
     probability: float | None = Field(default=None, ge=0, le=1)
     share: float | None = None
@@ -317,7 +333,12 @@ class Rung(_Json):
     @property
     def said(self) -> str:
         """The verdict as people read it."""
-        return verdict_in_words(self.verdict, self.asks_less)
+        return verdict_in_words(self.verdict, self.asks_less, self.uncertain)
+
+    @property
+    def outcome(self) -> str:
+        """The verdict, or that it is too uncertain."""
+        return outcome_of(self.verdict, self.uncertain)
 
     @property
     def unit(self) -> Literal["mm", "deg"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -17,7 +18,7 @@ from rfea_vision.campaign.scaling import of_sizes, one_scale
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_stretch, of_tube, of_weight
-from rfea_vision.campaign.yaml_file import read_yaml
+from rfea_vision.campaign.yaml_file import YamlFile, read_yaml
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import is_file
 from rfea_vision.readers.source import open_source
@@ -75,20 +76,28 @@ def check_campaign(
     problems += [problem for run in runs for problem in run.problems]
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
-    problems = [_placed(problem, campaign) for problem in problems]
+    problems = _placed(problems, campaign)
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
 
 
-def _placed(problem: FileProblem, campaign: Campaign) -> FileProblem:
-    """The same at the line of its key; where that is the campaign's, the runs have it all alike."""
-    if problem.line is not None or not problem.key:
-        return problem
+def _placed(problems: list[FileProblem], campaign: Campaign) -> list[FileProblem]:
+    """The same, each at the line of its key; where that is the campaign's, the runs have it all alike."""
     common = campaign.root / "campaign.yaml"
-    files = [read_yaml(path) for path in dict.fromkeys((problem.file, common)) if path.suffix == ".yaml" and is_file(path)]
-    if not files or (at := problem_at(files, problem.key, problem.message)).line is None:
+    known: dict[Path, YamlFile] = {}
+    for path in {common, *(problem.file for problem in problems)}:
+        if path.suffix == ".yaml" and is_file(path):
+            with suppress(InputError):  # what is no YAML was said, at its line
+                known[path] = read_yaml(path)
+    return [_at_line(problem, [known[path] for path in dict.fromkeys((problem.file, common)) if path in known]) for problem in problems]
+
+
+def _at_line(problem: FileProblem, files: list[YamlFile]) -> FileProblem:
+    if problem.line is not None or not problem.key or not files:
         return problem
-    alone = problem.experiment if at.file == problem.file else None
-    return replace(problem, file=at.file, line=at.line, experiment=alone)
+    at = problem_at(files, problem.key, problem.message)
+    if at.line is None:
+        return problem
+    return replace(problem, file=at.file, line=at.line, experiment=problem.experiment if at.file == problem.file else None)
 
 
 def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem]) -> list[FileProblem]:
@@ -113,13 +122,13 @@ def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem])
         run.doubt("pressure", repeats.of_rest(name, rests))
     for experiment, key, text in repeats.alike([run.experiment for run in runs], motions):
         next(run for run in runs if run.experiment is experiment).doubt(key, text)
-    unlike = _unlike_films(campaign, runs)
+    unlike = _unlike_films(runs)
     together = "" if sized else _odd_pressures(runs, highest_kPa)
     text = together or following.together([run.angle for run in runs if run.angle is not None])
     return unlike + ([FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning")] if text else [])
 
 
-def _unlike_films(campaign: Campaign, runs: list[_Run]) -> list[FileProblem]:
+def _unlike_films(runs: list[_Run]) -> list[FileProblem]:
     """Scales that were pointed at in pictures of one size, and are those of runs with others, too."""
     filmed = [run for run in runs if run.size is not None and run.experiment.camera is not None]
     found: list[FileProblem] = []
@@ -127,7 +136,7 @@ def _unlike_films(campaign: Campaign, runs: list[_Run]) -> list[FileProblem]:
         alike = [run for run in filmed if run is filmed[0] or one_scale(run.experiment.camera, filmed[0].experiment.camera)]
         filmed = [run for run in filmed if run not in alike]
         if text := of_sizes({run.name or "": run.size for run in alike if run.size is not None}):
-            found.append(FileProblem(campaign.root / "campaign.yaml", text, "camera.scale"))
+            found.append(FileProblem(alike[0].file, text, "camera.scale"))
     return found
 
 

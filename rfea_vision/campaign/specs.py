@@ -61,6 +61,11 @@ class VideoSpec:
     rate_Hz: float | None = None
     within: Path | None = None
 
+    @property
+    def found(self) -> bool:
+        """Whether its pictures were there when the campaign was read."""
+        return self.file is not None or self.frames is not None
+
 
 @dataclass(frozen=True)
 class TrackSpec:

@@ -72,7 +72,7 @@ def diagnose_command(
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     elif up_to_date(work):
-        _say_after(diagnosis.verdict, campaign)
+        _say_after(diagnosis.outcome, campaign)
     else:
         print_diagnosis(diagnosis, campaign, work.out)
 
@@ -101,7 +101,7 @@ def improve_command(
         if not up_to_date(work):
             print_ladder(ladder)
             say(f"report: {report}")
-        last = ladder.rungs[-1].verdict if ladder.rungs else ""
+        last = ladder.rungs[-1].outcome if ladder.rungs else ""
         if last in ("unexplained", "uncertain"):
             _say_after(last, campaign)
         elif any(rung.tied for rung in ladder.rungs):
@@ -139,7 +139,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     if planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
-    _say_after(diagnosis.verdict, campaign)
+    _say_after(diagnosis.outcome, campaign)
 
 
 def _print_candidates(diagnosis: Diagnosis) -> None:

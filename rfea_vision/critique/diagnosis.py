@@ -133,6 +133,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) 
         sets=sets_of(search, verdict.weighed),
         sufficient=verdict.sufficient,
         asks_less=verdict.asks_less,
+        uncertain=verdict.uncertain,
         remainder=remainder_of(search, verdict, goes_with),
         floors=search.floors,
         noise_floor_mm=search.floor if in_mm else None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rfea_vision.artefacts.judgement import Rung
+from rfea_vision.artefacts.judgement import UNCERTAIN, Rung
 from rfea_vision.artefacts.rows import TestScore
 from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.trials import plain
@@ -50,8 +50,8 @@ def findings_of(
     key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
     if titles:
         missing = "" if any("(a stand-in:" in title for title in titles) else "Missing from the paper's model, and "
-        others = {"complete": f"{missing}added in this order", "uncertain": "added, as far as so uncertain a track can say"}
-        lead = others.get(rungs[-1].verdict, "added so far, and not yet enough")
+        others = {"complete": f"{missing}added in this order", UNCERTAIN: "added, as far as so uncertain a track can say"}
+        lead = others.get(rungs[-1].outcome, "added so far, and not yet enough")
         lead = lead[0].upper() + lead[1:]
         out.append(f"{lead}: {'; '.join(titles)}.")
     out += filter(None, (finer,))

@@ -191,6 +191,7 @@ class _Climb:
                 delta_bic=bic,
                 verdict=diagnosis.verdict,
                 asks_less=diagnosis.asks_less,
+                uncertain=diagnosis.uncertain,
                 grade=self.last.grade,  # type: ignore[arg-type]
                 probability=self.last.probability,
                 share=self.last.share,

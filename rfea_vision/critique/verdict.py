@@ -1,4 +1,4 @@
-"""From the sets that were weighed to a verdict: missing (what, how surely, how much of it), complete, uncertain, or unexplained."""
+"""From the sets that were weighed to a verdict: missing (what, how surely, how much of it), complete, or unexplained."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_SETS, MOST_TIED = 12, 3
 class Verdict:
     """What was decided. `best` is the set that is named (the present model where nothing is), `rivals` those it is tied with."""
 
-    verdict: Literal["missing", "complete", "uncertain", "unexplained"]
+    verdict: Literal["missing", "complete", "unexplained"]
     sentence: str
     named: tuple[str, ...]
     best: Trial
@@ -36,6 +36,7 @@ class Verdict:
     weighed: list[Weighed]
     stand_ins: tuple[str, ...] = ()
     asks_less: bool = False  # whether it is complete for the held-out runs alone: training runs ask more, and are farther off
+    uncertain: bool = False  # whether it is complete at a floor that would hide what matters
 
 
 def decide(search: Search, weighed: list[Weighed]) -> Verdict:
@@ -61,19 +62,18 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     ]
     rivals = [best, *(row.trial for one in likely for row in ties.get(one, []))] if tied else []
     mattering = any(search.rule.likely > item.probability > 0 and _matters_at_all(search, item) for item in weighed)
-    verdict: Literal["missing", "complete", "uncertain", "unexplained"] = "unexplained"
+    verdict: Literal["missing", "complete", "unexplained"] = "unexplained"
     if likely:
         verdict = "missing"
-    elif left < max(small, 1.0) and hides(search):
-        verdict = "uncertain"
     elif left < small or (left < 1.0 and not mattering):
         verdict = "complete"
     found = Verdict(
         verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed,
         () if left < small else stand_ins_of(search, weighed), verdict == "complete" and _asks_less(search),
+        verdict == "complete" and hides(search),
     )  # fmt: skip
-    words = {"missing": _missing, "complete": _complete, "uncertain": _uncertain, "unexplained": _unexplained}[verdict](search, found)
-    return Verdict(**{**vars(found), "sentence": words})
+    words = {"missing": _missing, "complete": _uncertain if found.uncertain else _complete, "unexplained": _unexplained}[verdict]
+    return Verdict(**{**vars(found), "sentence": words(search, found)})
 
 
 def hides(search: Search) -> bool:

@@ -24,5 +24,5 @@ def open_source(video: VideoSpec) -> FrameSource:
     if video.file is not None:
         return open_video(video.file, video.rate_Hz)
     if video.frames is None:
-        raise InputError("video: is missing, or its file is")
+        raise InputError("video: the pictures that it names are not there")
     return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)

@@ -81,7 +81,7 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
         "unit": unit,
         "why": next(iter(evidence.absent.values()), "") if not steps else "",
         "headline": prose.headline(evidence, titles),
-        "verdict": last.verdict if last else "",
+        "verdict": last.outcome if last else "",
         "floor": shown.floor if shown else None,
         "link": quote(Path(os.path.relpath(page, beside)).as_posix()) if beside is not None and page.exists() else None,
         "steps": [rung_name(step, titles) for step in steps],

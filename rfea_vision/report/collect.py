@@ -61,6 +61,11 @@ class LadderStep:
         """Whether it is complete for the held-out runs alone."""
         return self.diagnosis.asks_less if self.diagnosis else self.rung.asks_less
 
+    @property
+    def outcome(self) -> str:
+        """The verdict, or that it is too uncertain."""
+        return self.diagnosis.outcome if self.diagnosis else self.rung.outcome
+
 
 @dataclass(frozen=True)
 class Evidence:

@@ -142,7 +142,7 @@ def render_group(tubes: Sequence[GroupMember]) -> str:
 def _row(tube: GroupMember) -> dict[str, object]:
     step = tube.last
     shown = errors_of(step, tube.evidence) if step is not None else None
-    verdict = step.verdict if step is not None else ""
+    verdict = step.outcome if step is not None else ""
     absent = tube.evidence.absent.get("models", "") if step is None else ""
     return {"name": tube.name, "design": tube.design, "shown": shown, "verdict": verdict, "absent": absent,
             "model": step.rung.model if step is not None else ""}  # fmt: skip

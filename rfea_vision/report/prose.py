@@ -99,9 +99,9 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     added = [_inner(with_rivals(one, titles)) for one in _added(evidence)]
     finer = _finer(evidence, titles)
     unsure = any(one.rung.tied for one in _added(evidence))
-    if not step.verdict:
+    if not step.outcome:
         return "The model is fitted; what it lacks has not been looked for yet."
-    if step.verdict == "complete":
+    if step.outcome == "complete":
         nothing = f"nothing that matters is missing{_as_far(step, evidence)}"
         if not added:
             return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: {nothing}."
@@ -110,10 +110,10 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
             return f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, {nothing}."
         things = "; ".join(added)
         return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}."
-    if step.verdict == "uncertain":
+    if step.outcome == "uncertain":
         so_far = f": {listing(added)} {'was' if len(added) == 1 else 'were'} added{finer}, and more may be" if added else ""
         return f"The track is too uncertain to say whether something is missing{so_far}."
-    if step.verdict == "unexplained":
+    if step.outcome == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
         so_far += finer.replace(" and", " with", 1)
         helped = _stand_ins(evidence)
@@ -284,7 +284,7 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     if ladder and climbed:
         added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]
         finer = bool(_finer(evidence, titles))
-        verdict, where, asks_less = (step.verdict, _shows(step), step.asks_less) if step else ("", "", False)
+        verdict, where, asks_less = (step.outcome, _shows(step), step.asks_less) if step else ("", "", False)
         yield _missing(added, verdict, where, _stand_ins(evidence), finer, asks_less)
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"

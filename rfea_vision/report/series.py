@@ -187,7 +187,7 @@ def pack_step(step: LadderStep, evidence: Evidence, pack: Pack, titles: Mapping[
         "model": step.rung.model,
         "name": rung_name(step, titles),
         "ladder": step.on_ladder,
-        "verdict": step.verdict,
+        "verdict": step.outcome,
         "unit": shown.unit,
         "train": shown.train,
         "validate": shown.validate,

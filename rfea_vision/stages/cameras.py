@@ -111,16 +111,18 @@ def _picture_size(work: Runner, camera: CameraSpec, asked: ExperimentSpec | None
     sizes: dict[str, tuple[int, int]] = {}
     unreadable: RfeaError | None = None
     for experiment in work.campaign.experiments:
-        if experiment.video is None or not one_scale(experiment.camera, camera):
-            continue
-        if experiment.role == "ignore" and experiment is not asked:
+        used = experiment.role != "ignore" or experiment is asked
+        if experiment.video is None or not used or not one_scale(experiment.camera, camera):
             continue
         try:
             sizes[experiment.name] = open_source(experiment.video).size
         except RfeaError as error:
             unreadable = unreadable or error
     if text := of_sizes(sizes):
-        raise InputError(f"{work.campaign.root / 'campaign.yaml'}: camera.scale: {text}")
+        file = work.campaign.root / "campaign.yaml"
+        if asked is not None and not one_scale(work.campaign.camera, camera):
+            file = asked.file
+        raise InputError(f"{file}: camera.scale: {text}")
     if sizes:
         return next(iter(sizes.values()))
     raise unreadable or InputError(

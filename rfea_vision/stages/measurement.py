@@ -45,6 +45,8 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         return _foreign_track(work, experiment, path)
     if experiment.video is None or experiment.camera is None:
         raise InputError(f"{experiment.file}: video: nothing to track; name a video, frames or a track")
+    if not experiment.video.found:
+        raise InputError(f"{experiment.file}: video: the pictures that it names are not there; correct the name or put them there")
     calibration_file = calibration_path(work, experiment)
     calibration = calibration_of(work, experiment)
     camera, video = experiment.camera, experiment.video

@@ -75,6 +75,7 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, D
         tied=before.rivals_of(added) if added else [],
         verdict=diagnosis.verdict,
         asks_less=diagnosis.asks_less,
+        uncertain=diagnosis.uncertain,
         grade=None if added is None else "named" if added in before.named else "stand-in",
         probability=candidate.probability if candidate else None,
         share=candidate.share if candidate else None,

@@ -116,14 +116,14 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
         words = f": {', '.join(filter(None, titles)).lower()}" if any(titles) else ""
         say, label = f"{name} lacks {' and '.join(lacking)}{words}.", f"Add {' and '.join(lacking)} and watch"
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
+    if last.get("uncertain"):
+        say = "The track is too uncertain to say whether something is missing: a board, and ends that are seen clear, lower its floor."
+        return _step("add", say, "") | {"file": report} if report is not None else _step("add", say, "Write the report", "report")
     if last["verdict"] == "complete":
         say = f"Nothing that matters is missing{' as far as the held-out runs ask' if last.get('asks_less') else ''}"
         if report is not None:
             return _step("add", f"{say}, and the report is written.", "") | {"file": report}
         return _step("add", f"{say}.", "Write the report", "report")
-    if last["verdict"] == "uncertain":
-        say = "The track is too uncertain to say whether something is missing: a board, and ends that are seen clear, lower its floor."
-        return _step("add", say, "") | {"file": report} if report is not None else _step("add", say, "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     if report is not None:
         return _step("law", f"{say} The report is written.", "Propose a law", "propose", model=name)

@@ -46,7 +46,7 @@ def source_of(experiment: ExperimentSpec) -> FrameSource:
     InputError
         If it has no pictures.
     """
-    if experiment.video is None or (experiment.video.file or experiment.video.frames) is None:
+    if experiment.video is None or not experiment.video.found:
         raise InputError(f"{experiment.name}: has no pictures; its track came from another tool")
     return _source(experiment.video)
 

@@ -65,7 +65,7 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
     return {
         "name": item.name,
         "role": item.role,
-        "pictures": item.video is not None and (item.video.file or item.video.frames) is not None,
+        "pictures": item.video is not None and item.video.found,
         "logged": not item.pressure.missing,
         "hints": {key: as_json(getattr(camera.hints, key)) for key in HINTS} if camera is not None else {},
         "scale": scale_told(campaign, item),
@@ -165,7 +165,7 @@ def _models(out: Path) -> list[dict[str, Any]]:
         found.append({
             "name": file.parent.name, "effects": fit.get("effects", []),
                 "segments": fit.get("segments", SEGMENTS), "verdict": diagnosis.get("verdict"),
-            "asks_less": diagnosis.get("asks_less", False),
+            "asks_less": diagnosis.get("asks_less", False), "uncertain": diagnosis.get("uncertain", False),
             "named": diagnosis.get("named", []), "candidates": diagnosis.get("candidates", []),
             "held_out": _held_out(fit),
         })  # fmt: skip

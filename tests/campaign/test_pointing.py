@@ -203,6 +203,29 @@ def test_a_film_that_cannot_be_opened_keeps_no_other_from_its_scale(scaled):
     assert calibration_of(work, work.campaign.experiment("of-480")).value.image_width == 480
 
 
+def test_an_ignored_run_whose_film_is_not_there_is_told_by_its_file_where_it_is_asked_for(scaled):
+    filmed(scaled, (480, 640))
+    filmed(scaled, None, role="ignore", name="gone")
+    work = open_campaign(scaled)
+    assert calibration_of(work, work.campaign.experiment("of-480")).value.image_width == 480
+    with pytest.raises(InputError, match=r"gone/experiment.yaml: video: the pictures that it names are not there"):
+        work.track(["gone"])
+
+
+def test_a_scale_that_two_runs_have_of_their_own_is_told_at_theirs(scaled):
+    common = (scaled / "campaign.yaml").read_text()
+    (scaled / "campaign.yaml").write_text(common[: common.index("camera:")])
+    for size in ((480, 640), (960, 1280)):
+        filmed(scaled, size)
+        with (scaled / f"of-{size[0]}" / "experiment.yaml").open("a") as file:
+            file.write(common[common.index("camera:") :])
+    (problem,) = [problem for problem in check_campaign(scaled).problems if problem.key == "camera.scale"]
+    assert problem.file == scaled / "of-480" / "experiment.yaml" and problem.line == 8
+    work = open_campaign(scaled)
+    with pytest.raises(InputError, match=r"of-960/experiment.yaml: camera.scale: the pictures of of-480"):
+        calibration_of(work, work.campaign.experiment("of-960"))
+
+
 def test_a_hint_of_the_campaign_is_told_at_its_line(scaled):
     file = scaled / "campaign.yaml"
     file.write_text(file.read_text().replace("[320, 30]", "[9320, 30]"))

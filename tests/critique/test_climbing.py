@@ -96,7 +96,7 @@ def test_what_was_dropped_again_is_not_told_as_added():
     """A rung may take the place of an effect that an earlier one had added; a finer chain is no missing effect."""
     added = (None, "pressure_offset", "maxwell", "segments", "segments")
     rungs: list[Any] = [
-        SimpleNamespace(added=name, tied=["drag"] * (name == "segments"), verdict="complete", grade="named") for name in added
+        SimpleNamespace(added=name, tied=["drag"] * (name == "segments"), outcome="complete", grade="named") for name in added
     ]
     first: Any = SimpleNamespace(options=SimpleNamespace(segments=8))
     last: Any = SimpleNamespace(
@@ -127,7 +127,7 @@ def test_what_was_added_is_called_missing_only_where_it_is_named_and_the_last_ve
     """As after an effect of one's own, which stands beside two of the catalogue."""
     grades = {None: None, "soft_ring": "named", "maxwell": "named", "coulomb": grade}
     rungs: list[Any] = [
-        SimpleNamespace(added=name, tied=[], verdict=verdict, grade=one, validate_tip_rmse_mm=None) for name, one in grades.items()
+        SimpleNamespace(added=name, tied=[], outcome=verdict, grade=one, validate_tip_rmse_mm=None) for name, one in grades.items()
     ]
     own: Any = SimpleNamespace(id="soft_ring", title="A soft ring")
     effects = ("soft_ring", "maxwell", "coulomb:sharp")
@@ -198,7 +198,7 @@ def test_two_branches_are_the_sum_of_two(campaign):
     assert {n: model.parameters[n].value for n in names} == pytest.approx(names)
 
 
-def test_a_chain_that_is_too_coarse_is_madefiner_of(campaign):
+def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
     recordings, actuator = campaign()
     coarse = replace(OPTIONS, segments=1)
     model = fit_model(recordings, actuator, coarse)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit
+from rfea_vision.artefacts.judgement import outcome_of
 from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.rule import RULE
@@ -247,7 +248,8 @@ def test_a_model_is_complete_only_where_what_matters_could_be_seen(monkeypatch, 
     search.trials = SimpleNamespace(problem=SimpleNamespace(train=[run], validate=[still]))
     nothing: Any = Weighed(search.present, (), 0.0, 0.97, 0.0)
     found = decide(search, [nothing])
-    assert found.verdict == verdict
+    assert outcome_of(found.verdict, found.uncertain) == verdict
+    assert found.verdict in get_args(Diagnosis.model_fields["verdict"].annotation)
     if verdict == "uncertain":
         assert found.sentence.startswith("The track is too uncertain to say whether something is missing: the held-out error is")
         assert "what half of that hides, 8.05 mm, is 24 % of the motion (33 mm" in found.sentence.replace("33.0", "33")

@@ -70,7 +70,7 @@ def test_a_report_that_is_written_is_said_with_its_place():
 
 
 def test_where_no_law_is_found_either_there_is_a_way_on():
-    unsure = next_step([run()], [model(verdict="uncertain")])
+    unsure = next_step([run()], [model(verdict="complete", uncertain=True)])
     assert "too uncertain to say" in unsure["say"] and unsure["do"] == "report"
     step = next_step([run()], [model(verdict="unexplained")])
     assert step["do"] == "propose" and step["otherwise"]["do"] == "report"
