@@ -252,7 +252,7 @@ def outcome_of(verdict: str, uncertain: bool) -> str:
 def verdict_in_words(verdict: str, asks_less: bool, uncertain: bool) -> str:
     """The verdict as people read it: of a model that is complete for its held-out runs alone, no more than that."""
     if uncertain:
-        return "uncertain: the track hides what would matter"
+        return UNCERTAIN
     return f"{verdict} as far as the held-out runs ask" if asks_less else verdict
 
 
