@@ -20,7 +20,7 @@ from rfea_vision.readers.poses import turned_body
 from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
 
-FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts")
+FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts", ".gif")
 
 #: Of an open line, from 1,500 m above the sea to the highest air pressure recorded.
 _ATMOSPHERE_kPa = (85.0, 108.0)

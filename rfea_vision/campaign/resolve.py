@@ -42,7 +42,9 @@ SCALE_EXAMPLE = "scale: {points: [[212, 80], [230, 640]], distance: 155 mm}"
 def resolve_camera(
     part: CameraPart, reach: Reach, folders: Folders, files: Files, experiment: str | None = None
 ) -> tuple[CameraSpec | None, list[FileProblem]]:
-    """Return the camera, or what is wrong with it."""
+    """Return the camera, or what is wrong with it; neither where nothing tells its scale: runs may share the rest of their cameras."""
+    if part.board is part.photos is part.file is part.scale is None:
+        return None, []
     finder = Finder(reach, folders, files, experiment)
     photographed = part.board is not None and part.photos is not None
     if part.file is None and part.scale is None and not photographed:
@@ -139,10 +141,9 @@ def resolve_experiment(
     camera, problems = None, []
     if parsed.camera is not None:
         camera, problems = resolve_camera(parsed.camera, reach, folders, files, name)
-    elif video is not None:
-        finder.complain(
-            "camera", f"is missing; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}"
-        )
+    if camera is None and not problems and video is not None:
+        lacks = "is missing" if parsed.camera is None else f"does not tell how long a pixel of '{name}' is"
+        finder.complain("camera", f"{lacks}; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}")
     pressure = _pressures(parsed.pressure, finder)
     section = None if parsed.actuator is None else parsed.actuator.section
     if section is not None and section.kind != "tube" and section.chamber_area is None and pressure.acts:

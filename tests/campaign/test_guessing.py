@@ -186,6 +186,13 @@ def test_a_film_without_a_board_is_asked_for_one_or_for_a_scale_in_lines_that_ca
     assert "camera.board: needed, and not guessed: a board, with 'photos' of it; or 'scale'" in written.guesses
 
 
+def test_an_animated_picture_is_a_film(tmp_path):
+    """The tracker reads it, and it had been left out as a file without a reader."""
+    (tmp_path / "arm.gif").write_bytes(b"")
+    write_campaign_from(tmp_path / "tube", [tmp_path / "arm.gif"])
+    assert "video:\n  file: arm.gif\n" in (tmp_path / "tube" / "arm" / "experiment.yaml").read_text()
+
+
 def test_groups_of_markers_are_the_clamp_and_the_tip(tmp_path, shared_data):
     write_campaign_from(tmp_path / "beam", [shared_data / "clamped-beam"])
     text = (tmp_path / "beam" / "gravity-a" / "experiment.yaml").read_text()

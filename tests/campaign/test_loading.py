@@ -267,6 +267,22 @@ def test_check_lists_everything_at_once(campaign):
     assert len(found) == len(set(found))
 
 
+def test_runs_with_scales_of_their_own_share_the_rest_of_their_cameras(campaign):
+    """`camera: {vertical: rest}` above them had made the campaign unreadable; a track beside them needs no scale."""
+    edit(campaign / "campaign.yaml", camera={"vertical": "rest"})
+    (campaign / "steps" / "film.mp4").write_bytes(b"")
+    scale = {"points": [[20, 30], [320, 30]], "distance": "100 mm"}
+    edit(campaign / "steps" / "experiment.yaml", track=None, video={"file": "film.mp4"}, camera={"scale": scale})
+    read = load_campaign(campaign)
+    assert read.camera is None and read.experiment("sine").camera is None
+    camera = read.experiment("steps").camera
+    assert camera.vertical == "rest" and camera.scale.distance == pytest.approx(0.1)
+    edit(campaign / "steps" / "experiment.yaml", camera=None)
+    (problem,) = [problem for problem in read_campaign(campaign).problems if problem.severity == "error"]
+    assert problem.experiment == "steps" and problem.key == "camera"
+    assert problem.message.startswith("does not tell how long a pixel of 'steps' is; pictures need it: board and photos")
+
+
 def test_one_broken_experiment_leaves_the_others(campaign):
     edit(campaign / "steps" / "experiment.yaml", role="trian")
     reading = read_campaign(campaign)
