@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rfea_vision.artefacts import ModelFit
     from rfea_vision.stages import Workspace
 
+#: What is written beside a model's code.
+Kind = Literal["crate", "poses", "csv", "nwb"]
+
 
 @click.command("export")
 @code_option
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
 @click.option(
     "--poses", is_flag=True, help="Write the measured centre lines as movement's netCDF, one file per run in OUT."
 )
+@click.option("--csv", is_flag=True, help="Write tip and bend angle over time as CSV, one file per run in OUT.")
 @click.option("--nwb", is_flag=True, help="Write centre lines and pressures as NWB, one file per run in OUT.")
 @click.option("--step", "step_s", type=Quantity("s", "1ms"), default="1ms", show_default=True, help="Length of a step.")
 @click.option(
@@ -48,6 +52,7 @@ def export_command(
     fmu: bool,
     crate: bool,
     poses: bool,
+    csv: bool,
     nwb: bool,
     step_s: float,
     iterations: int,
@@ -57,14 +62,15 @@ def export_command(
     Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
     """
     *models, last = places
-    if len(models) > 1 or (models and (poses or nwb)):
-        at_most = "and OUT: tracks have no MODEL" if poses or nwb else "at most one MODEL, and OUT"
+    asked: dict[Kind, bool] = {"crate": crate, "poses": poses, "csv": csv, "nwb": nwb}
+    kind: Kind | None = next((name for name, given in asked.items() if given), None)
+    if len(models) > 1 or (models and kind not in (None, "crate")):
+        at_most = "at most one MODEL, and OUT" if kind in (None, "crate") else "and OUT: tracks have no MODEL"
         raise InputError(f"export: give CAMPAIGN, {at_most}")
     if not step_s > 0:
         raise InputError("export: --step must be longer than zero, for example 1ms")
-    if sum((fmu, crate, poses, nwb)) > 1:
-        raise InputError("export: give one of --fmu, --crate, --poses and --nwb")
-    kind = "crate" if crate else "poses" if poses else "nwb" if nwb else None
+    if sum((fmu, *asked.values())) > 1:
+        raise InputError("export: give one of --fmu, --crate, --poses, --csv and --nwb")
     if kind:
         refuse_beside(f"--{kind}", ("step_s", "iterations"), "it writes no code that steps")
         _export_files(campaign, out, models, Path(last), kind=kind, as_json=as_json)
@@ -73,19 +79,21 @@ def export_command(
 
 
 def _export_files(
-    campaign: Path, out: Path | None, models: list[str], folder: Path, *, kind: Literal["crate", "poses", "nwb"], as_json: bool
+    campaign: Path, out: Path | None, models: list[str], folder: Path, *, kind: Kind, as_json: bool
 ) -> None:
-    """The fit as an RO-Crate, or the recordings as netCDF or NWB."""
+    """The fit as an RO-Crate, or what was measured as netCDF, CSV or NWB."""
     if kind == "crate":
         files = _write_crate(campaign, out, models, folder)
     else:
-        files = _write_recordings(campaign, out, folder, kind)
+        files = _write_measured(campaign, out, folder, kind)
     if as_json:
         print_json({"files": [str(path) for path in files]})
         return
     say(f"{folder}: {', '.join(path.name for path in files)}")
     if kind == "crate":
         say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
+    elif kind == "csv":
+        say_next("look into", files[0], why="'track: {file: ...}' reads it, too")
     elif kind == "nwb":
         say_next("python -m pynwb.validate", files[0], why="what NWB says of it")
     else:
@@ -182,20 +190,23 @@ def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Pa
     return [write_crate(folder, fit, files, name=name, made_on=today, versions=versions().items())]
 
 
-def _write_recordings(campaign: Path, out: Path | None, folder: Path, kind: Literal["poses", "nwb"]) -> list[Path]:
-    """One file per run, of its own name."""
+def _write_measured(campaign: Path, out: Path | None, folder: Path, kind: Kind) -> list[Path]:
+    """One file per run, of its own name; NWB holds the pressure, the others do without a log."""
+    from rfea_vision.export.poses import write_movement
+    from rfea_vision.export.tips import write_tip
+
     if kind == "nwb":
         from rfea_vision.export.nwb import write_nwb
-    from rfea_vision.export.poses import write_movement
-
     written = []
     with opened(campaign, out) as work:
-        for name, recording in work.sync().items():
-            path = folder / f"{name}.{'nwb' if kind == 'nwb' else 'nc'}"
+        for name, measured in (work.sync() if kind == "nwb" else work.measured()).items():
+            path = folder / f"{name}.{'nc' if kind == 'poses' else kind}"
             path.parent.mkdir(parents=True, exist_ok=True)
             if kind == "nwb":
-                write_nwb(path, recording.dataset, name=name, campaign=work.campaign.name, version=__version__)
+                write_nwb(path, measured.dataset, name=name, campaign=work.campaign.name, version=__version__)
+            elif kind == "csv":
+                write_tip(path, measured.dataset)
             else:
-                write_movement(path, recording.dataset, name=name)
+                write_movement(path, measured.dataset, name=name)
             written.append(path)
     return written

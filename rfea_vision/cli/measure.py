@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +13,9 @@ from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import PATH, Command, campaign_options, opened
 from rfea_vision.errors import DataError
+
+if TYPE_CHECKING:
+    from rfea_vision.stages import Workspace
 
 
 def experiment_option(command: Command) -> Command:
@@ -124,7 +128,7 @@ def track_command(
     if as_json:
         print_json({"tracks": summary, "too_little": lacking})
     elif not lacking and up_to_date(work):
-        say_next("rfea sync", campaign)
+        _say_what_follows(work, campaign, tracks, previews)
     else:
         rows = [
             [
@@ -144,8 +148,21 @@ def track_command(
                 "rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video"
             )
         else:
-            say_next("rfea sync", campaign)
+            _say_what_follows(work, campaign, tracks, previews)
     return DataError.exit_code if lacking else 0
+
+
+def _say_what_follows(work: Workspace, campaign: Path, tracked: Collection[str], previews: Collection[str]) -> None:
+    """What can be done with tracks: those of runs with a log go on one clock with it, others are looked at, and taken out."""
+    runs = [work.campaign.experiment(name) for name in tracked]
+    logged = [run.name for run in runs if not run.pressure.missing]
+    if logged:
+        alone = any(run.pressure.missing for run in work.active())
+        return say_next("rfea sync", campaign, *(word for name in logged if alone for word in ("-e", name)))
+    needed = "a model needs a log: 'pressure: {file: pressure.csv}' in experiment.yaml"
+    if any(run.video is not None for run in runs) and not previews:
+        return say_next("rfea track", campaign, "--preview", why=f"draws the track over the film; {needed}")
+    return say_next("rfea export", campaign, "OUT", "--csv", why=f"the tip over time; {needed}")
 
 
 @click.command("sync")

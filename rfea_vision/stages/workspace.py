@@ -70,6 +70,14 @@ class Workspace(Runner):
         """Bring tracks and pressure logs on one clock and return the recordings by name."""
         return values(self.each(names, self.recording_of, "synchronised"))
 
+    def measured(self) -> dict[str, Recording | Track]:
+        """Return the recordings by name, and of runs without a pressure log the tracks."""
+
+        def of(item: ExperimentSpec) -> Recording | Track:
+            return (self.track_of(item) if item.pressure.missing else self.recording_of(item)).value
+
+        return self.each((), of, "measured")
+
     def calibration_of(self, experiment: ExperimentSpec) -> Stored[Calibration]:
         """Return the calibration that an experiment's pictures need."""
         return cameras.calibration_of(self, experiment)

@@ -7,15 +7,17 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from campaign.campaigns import write_campaign
 
-from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.artefacts import Actuator, ModelFit, Track
 from rfea_vision.cli.root import run
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
 from rfea_vision.dynamics.realtime import Stepper
 from rfea_vision.effects.base import BASE_UNITS
 from rfea_vision.export import fitted_model
+from rfea_vision.readers.tracks import read_track
 
 
 def _fit(name, effects=(), values=()):
@@ -117,3 +119,41 @@ def test_nwb_of_every_run_is_read_as_the_page_of_the_documents_does(tmp_path, ca
     capsys.readouterr()
     assert run(["export", str(folder), "base", str(tmp_path / "nwb"), "--nwb"]) == 2
     assert "tracks have no MODEL" in " ".join(capsys.readouterr().err.split())
+
+
+def _without_log(file):
+    file.write_text("".join(line for line in file.read_text().splitlines(keepends=True) if not line.startswith("pressure")))
+
+
+@pytest.mark.parametrize("logged", [True, False])
+def test_tracks_are_taken_out_with_and_without_a_log(tmp_path, capsys, logged):
+    """Poses had wanted a log that a track does not need; and the tip over time stood in no table."""
+    folder = write_campaign(tmp_path / "tube", {"steps": "train"})
+    rows = pd.read_csv(folder / "steps" / "track.csv")
+    rows.loc[5, ["tip_x_mm", "tip_y_mm"]] = np.nan
+    rows.to_csv(folder / "steps" / "track.csv", index=False)
+    if not logged:
+        _without_log(folder / "steps" / "experiment.yaml")
+    assert run(["track", str(folder)]) == 0
+    following = f"rfea sync {folder}" if logged else f"rfea export {folder} OUT --csv   (the tip over time; a model needs a log"
+    assert capsys.readouterr().out.splitlines()[-1].startswith(f"next: {following}")
+    for kind, ending in (("--poses", "nc"), ("--csv", "csv")):
+        assert run(["export", str(folder), str(tmp_path / "out"), kind]) == 0
+        assert (tmp_path / "out" / f"steps.{ending}").is_file()
+    written = pd.read_csv(tmp_path / "out" / "steps.csv")
+    columns = ["time_s", "tip_x_mm", "tip_y_mm", "sigma_mm", "sigma_x_mm", "sigma_y_mm", "reason"]
+    assert list(written.columns) == columns and len(written) == len(rows)
+    assert written["reason"][5] == "not_tracked" and written["reason"].isna().sum() == len(rows) - 1
+    np.testing.assert_allclose(written[columns[:3]], rows[columns[:3]], atol=1e-6)
+    tracked, again = Track.load(folder / "rfea" / "steps" / "track.nc"), read_track(tmp_path / "out" / "steps.csv")
+    assert (again.valid == tracked.valid).all() and again.dataset.attrs["sigma_source"] == "given in the track"
+    for name in ("tip", "tip_sigma"):
+        np.testing.assert_allclose(again.dataset[name].values, tracked.dataset[name].values, atol=1e-5)
+
+
+def test_after_tracks_of_which_some_have_a_log_these_are_synchronised(tmp_path, capsys):
+    folder = write_campaign(tmp_path / "tube")
+    _without_log(folder / "sine" / "experiment.yaml")
+    assert run(["track", str(folder)]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"next: rfea sync {folder} -e steps" and run(["sync", str(folder), "-e", "steps"]) == 0
