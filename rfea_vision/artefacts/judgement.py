@@ -239,6 +239,7 @@ class Floors(_Json):
     irreproducible: float | None = None
     calibration: float | None = None
     unit: Literal["mm", "deg"] = "mm"
+    source: str = ""  # of `measurement`, as `ModelFit.noise_floor_source`: what was refitted tells more of the noise than one fit
 
 
 UNCERTAIN = "uncertain"
@@ -313,8 +314,8 @@ class Rung(_Json):
     asks_less: bool = False  # as in `Diagnosis`
     uncertain: bool = False
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
-    probability: float | None = Field(default=None, ge=0, le=1)
-    share: float | None = None
+    probability: float | None = Field(default=None, ge=0, le=1)  # in the diagnosis below, which chose
+    share: float | None = None  # gone with the rung's own fit, over the floor by which the rung is judged
 
     @classmethod
     def of(cls, fit: ModelFit, **more: Any) -> Rung:

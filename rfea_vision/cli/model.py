@@ -162,7 +162,8 @@ def _print_floors(diagnosis: Diagnosis) -> None:
     known = {name: getattr(floors, name) for name in ("measurement", "irreproducible", "calibration")}
     parts = [f"{name} {rounded(value)} {floors.unit}" for name, value in known.items() if value is not None]
     if parts:
-        say(f"noise floors, below which an error says nothing about the model: {', '.join(parts)}")
+        source = f"; the first from {floors.source}" if floors.source and floors.measurement is not None else ""
+        say(f"noise floors, below which an error says nothing about the model: {', '.join(parts)}{source}")
 
 
 def _percent(share: float | None) -> str | None:

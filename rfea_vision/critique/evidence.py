@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.artefacts.judgement import Candidate, Parameter
-from rfea_vision.critique.measures import delta_bic, matters, share
+from rfea_vision.critique.measures import matters, share
 from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.critique.verdict import Verdict, title
 from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.effects.base import BASE_UNITS, Effect
+from rfea_vision.fitting.information import delta_bic
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted

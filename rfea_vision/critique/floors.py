@@ -34,8 +34,8 @@ def _gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatArray]]
     return [(item, left_of(item, predicted)) for item, predicted in seen]
 
 
-def measurement(problem: Problem, fitted: Fitted) -> float:
-    """Noise of the measurement in the norm of the held-out error (mm, or deg where only an angle was measured).
+def measurement(problem: Problem, fitted: Fitted) -> tuple[float, str]:
+    """Noise of the measurement in the norm of the held-out error (mm, or deg where only an angle was measured), and whence it is known.
 
     Noise that is correlated over a few frames hides from the track's own high frequencies, where the tube's motion would
     drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
@@ -43,9 +43,9 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     gaps = _gaps(problem, fitted)
     left = {item.name: gap for item, gap in gaps}
     errors = {item.name: np.sum(gap**2, axis=1) for item, gap in (*gaps, *_held_gaps(problem, fitted)) if item.has_tip}
-    known, _ = noise_floor_mm(problem.scored, problem.recordings, repeats=False, left=left, errors=errors)
+    known, source = noise_floor_mm(problem.scored, problem.recordings, repeats=False, left=left, errors=errors)
     if not known:
-        known = noise_floor_deg(problem.train, problem.recordings, left=left) or 0.0
+        known, source = noise_floor_deg(problem.train, problem.recordings, left=left) or 0.0, "standard errors of the angle"
     seen = []
     for item, gap in gaps:
         strides = range(1, max(1, int(NOISE_SPAN_S / item.period_s + 1e-6)) + 1)
@@ -53,12 +53,14 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
             max((float(np.linalg.norm(third_difference_noise(gap, stride))) for stride in strides), default=0.0)
         )
     raised = float(np.sqrt(np.mean(np.square(seen))))
-    return float(np.clip(raised, known, MOST_RAISED * known))
+    if raised > known:
+        return float(min(raised, MOST_RAISED * known)), "the high frequencies that the best model tried leaves"
+    return float(known), source
 
 
 def floors_of(problem: Problem, fitted: Fitted) -> Floors:
     """The three floors, from the training runs and the repeats; null where the runs do not tell."""
-    noise = measurement(problem, fitted)
+    noise, source = measurement(problem, fitted)
     again = from_repeats(problem, fitted)
     uncaused = float(np.sqrt(np.mean([_uncaused(item, gap, noise) for item, gap in _gaps(problem, fitted)])))
     parts = [] if again is None else [again]
@@ -69,6 +71,7 @@ def floors_of(problem: Problem, fitted: Fitted) -> Floors:
         irreproducible=max(parts, default=None),
         calibration=CALIBRATION_SHARE * problem.actuator.length / MM if in_mm else None,
         unit="mm" if in_mm else "deg",
+        source=source,
     )
 
 

@@ -17,7 +17,7 @@ from rfea_vision.artefacts.rows import Refit, TestScore
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.findings import findings_of, finer_of, titles_of
-from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
+from rfea_vision.critique.measures import errors_of, matters, on_common_runs, share
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.screening import sensitivities
 from rfea_vision.critique.subsets import Combinations
@@ -26,6 +26,7 @@ from rfea_vision.critique.trials import FULL_EVALUATIONS, FULL_GAIN, Trial, Tria
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import fit
+from rfea_vision.fitting.information import delta_bic
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
@@ -47,7 +48,6 @@ class Step:
     added: str | None = None
     grade: str | None = None
     probability: float | None = None
-    share: float | None = None
     tied: list[str] = field(default_factory=list)
     why: str = ""
 
@@ -64,7 +64,7 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
         tied = diagnosis.rivals_of(name)
         if row is None:
             return Step(name, grade, tied=tied)
-        return Step(f"{name}:{row.form}" if row.form else name, grade, row.probability, row.share, tied)
+        return Step(f"{name}:{row.form}" if row.form else name, grade, row.probability, tied)
 
     for name in diagnosis.named:
         if name not in dropped:
@@ -132,9 +132,7 @@ def _without_needless(problem: Problem, fitted: Fitted, floor: float, keep: str)
         limits = {"most_evaluations": FULL_EVALUATIONS, "tolerance": FULL_GAIN}  # enough to see whether it is missed
         try:
             without = _with_effects(problem, fitted, fitted.values, rest, name, **limits)
-            errors = errors_of(problem, without)
-            names = common_runs([errors, whole])
-            if not matters(errors.on(names), whole.on(names), floor):
+            if not matters(*on_common_runs(errors_of(problem, without), whole), floor):
                 return _with_effects(problem, fitted, without.values, rest, name)
         except DataError:
             continue
@@ -181,7 +179,11 @@ class _Climb:
         self.failed = self.failed or worst
         if diagnosis.verdict == "unexplained" and self.failed:  # in later models added effects hide a part of it
             self.doubts.insert(0, f"Where it shows: {worst}" if worst else f"Where it showed before anything was added: {self.failed}")
-        bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
+        bic, gone = None, None
+        if self.before is not None:
+            bic = delta_bic(self.problem, self.before, self.fitted)
+            errors = on_common_runs(*(errors_of(self.problem, one) for one in (self.before, self.fitted)))
+            gone = share(*errors, self.floor)
         self.known = diagnosis.refits
         self.rungs.append(
             Rung.of(
@@ -194,7 +196,7 @@ class _Climb:
                 uncertain=diagnosis.uncertain,
                 grade=self.last.grade,  # type: ignore[arg-type]
                 probability=self.last.probability,
-                share=self.last.share,
+                share=gone,
             )
         )
 

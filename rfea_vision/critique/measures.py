@@ -10,7 +10,6 @@ import numpy as np
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted
-from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.fitting.scoring import gaps
 from rfea_vision.fitting.solver import at_own_clock
@@ -134,24 +133,6 @@ def common_runs(errors: Iterable[Errors]) -> set[str]:
     return set.intersection(*names) if names else set()
 
 
-def effective_count(problem: Problem, fitted: Fitted) -> float:
-    """Number of independent residuals: frames over the integrated autocorrelation time of the worst axis, run by run."""
-    total = 0.0
-    for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
-        gap = item.points[:, -1] - predicted.points[:, -1] if item.has_tip else (item.angle - predicted.angle)[:, None]
-        frames = 2 * correlation_time(gap[:, int(np.argmax(gap.std(axis=0)))], 1.0)  # one where the residual is white
-        total += gap.shape[0] / frames if frames > 0 else 0.0
-    return max(total, 2.0)
-
-
-def delta_bic(problem: Problem, before: Fitted, after: Fitted) -> float:
-    """Change of BIC on the training runs, with the number of independent residuals of the better model."""
-    count = max(effective_count(problem, before), effective_count(problem, after))
-    added = len(after.coordinates.free) - len(before.coordinates.free)
-    ratio = after.solution.cost / max(before.solution.cost, 1e-300)
-    return float(count * np.log(max(ratio, 1e-12)) + added * np.log(count))
-
-
 def matters(before: Errors, after: Errors, floor: float) -> bool:
     """The rule of docs/formats.md, on the tip or on the midline."""
 
@@ -172,6 +153,12 @@ def share(before: Errors, after: Errors, floor: float) -> float:
     """Share of the held-out squared error above the floor that is gone; negative where it grew."""
     had = before.held_excess(floor)
     return 1 - after.held_excess(floor) / had if had > 0 else 0.0
+
+
+def on_common_runs(first: Errors, second: Errors) -> tuple[Errors, Errors]:
+    """Two fits' errors on the runs that both could be simulated on."""
+    names = common_runs([first, second])
+    return first.on(names), second.on(names)
 
 
 def structure(errors: Errors, floor: float) -> float:

@@ -14,7 +14,6 @@ from rfea_vision.critique.measures import (
     STRUCTURE_FLOORS,
     Errors,
     common_runs,
-    effective_count,
     matters,
     share,
     structure,
@@ -27,6 +26,7 @@ from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, forms_of, look_alikes
 from rfea_vision.fitting.fit import stiff_start
+from rfea_vision.fitting.information import effective_count
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)

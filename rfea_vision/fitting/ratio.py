@@ -9,6 +9,7 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.fitting.coordinates import base_reference
+from rfea_vision.fitting.information import delta_bic
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
@@ -32,7 +33,11 @@ def only_ratio(fitted: Fitted, items: Sequence[Observed]) -> bool:
 
 
 def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
-    """The same fit with the lever held at its usual value, where the runs tell no more than its ratio to the stiffness."""
+    """The same fit with the lever held at its usual value, where the runs tell no more than its ratio to the stiffness.
+
+    What they tell is judged near the fit; where they fit worse with the lever held, by more than one parameter less is worth (BIC),
+    they do tell it, and it stays free.
+    """
     if not only_ratio(fitted, problem.train):
         return fitted
     options = fitted.options
@@ -44,7 +49,7 @@ def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
     }
     options = replace(options, fixed={**options.fixed, "r_hyd": lever})
     held = refit(problem, options, known, options.segments, fitted.solution.clocks)
-    return replace(with_solution(fitted, held), ratio_only=True)
+    return fitted if delta_bic(problem, fitted, held) > 0 else replace(with_solution(fitted, held), ratio_only=True)
 
 
 def with_lever_free(problem: Problem, fitted: Fitted) -> Fitted:

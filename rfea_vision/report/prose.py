@@ -304,13 +304,11 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
                 yield Tile(f"{shown.what}, {heading} runs", value, note="root mean square", section="ladder")
     shown = errors_of(step, evidence) if step else None
     if step and shown and shown.floor is not None:
-        known = step.fit.noise_floor_source if shown.unit == "mm" or step.fit.noise_floor_deg else ""
-        source = f"from {known}" if known else "of the measurement"
         floors = step.diagnosis.floors if step.diagnosis else None
+        known = (floors.source if floors else "") or (step.fit.noise_floor_source if shown.unit == "mm" else "")
+        source = f"from {known}" if known else "of the measurement"
         if floors and (floors.irreproducible or 0.0) > (floors.measurement or 0.0):
             source = "motion that does not come again, or that pressure cannot cause"
-        elif floors and (floors.measurement or 0.0) > (step.fit.noise_floor_mm or step.fit.noise_floor_deg or 0.0):
-            source = "from the high frequencies that the best fit leaves"
         reached = shown.validate if shown.validate is not None else shown.train
         if reached is not None and reached < shown.floor:
             source = f"{source}; an error below it says nothing about the model"

@@ -151,11 +151,11 @@ def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():
         stand_ins=["coulomb", "drag"],
     )  # fmt: skip
     assert next_step(nothing, (), stand_ins=False) == Step(why="the verdict is unexplained: so")
-    assert next_step(nothing, (), stand_ins=True) == Step("coulomb:sharp", "stand-in", 0.3, 0.6)
+    assert next_step(nothing, (), stand_ins=True) == Step("coulomb:sharp", "stand-in", 0.3)
     assert next_step(nothing, ("coulomb",), stand_ins=True).added == "drag"
     assert next_step(nothing, (), stand_ins=True, begun=["drag"]).added == "drag"
     named = nothing.model_copy(update={"named": ["drag"], "verdict": "missing"})
-    assert next_step(named, (), stand_ins=True) == Step("drag", "named", 0.2, 0.4)
+    assert next_step(named, (), stand_ins=True) == Step("drag", "named", 0.2)
     assert next_step(named, ("drag",), stand_ins=False).added is None
     first = next_step(nothing, (), stand_ins=True)
     assert rest_of_set((), nothing, first) == ["drag"]
@@ -182,6 +182,17 @@ def _angle_alone(recording: Recording) -> Any:
     rng = np.random.default_rng(3)
     out["bend_angle"] = out["bend_angle"] + 0.1 * rng.standard_normal(out["bend_angle"].shape)
     return out
+
+
+def test_a_rung_tells_what_is_gone_with_its_own_fit(campaign):
+    """Not what the search below had foretold: of a leg 100 % was told where three quarters were gone."""
+    recordings, actuator = campaign(TILT)
+    ladder = improve(recordings, actuator, OPTIONS, candidates=RIVALS)
+    below, rung = ladder.rungs[:2]
+    floor = ladder.noise_floor_mm
+    assert below.share is None and floor is not None
+    gone = 1 - (rung.validate_tip_rmse_mm**2 - floor**2) / (below.validate_tip_rmse_mm**2 - floor**2)
+    assert rung.share == pytest.approx(gone, abs=0.05)  # of the tip alone; the share counts the line, too
 
 
 def test_a_second_branch_is_a_candidate_only_beside_the_first():

@@ -37,10 +37,11 @@ def test_the_floor_sees_noise_that_lasts_over_frames_but_no_motion():
     for k in range(1, 3000):
         noise[k] = 0.6 * noise[k - 1] + 0.8 * noise[k]
     true = 0.06 * np.sqrt(2)
-    understated = measurement(*_fake(0.06 * noise, 0.03))
+    understated, source = measurement(*_fake(0.06 * noise, 0.03))
+    assert source == "the high frequencies that the best model tried leaves"
     assert understated == pytest.approx(true, rel=0.15)
     slow = 0.5 * np.sin(2 * np.pi * 2.0 * np.arange(3000) / 240.0)[:, None]
-    assert measurement(*_fake(0.06 * noise + slow, 0.03)) == pytest.approx(understated, rel=0.05)
+    assert measurement(*_fake(0.06 * noise + slow, 0.03))[0] == pytest.approx(understated, rel=0.05)
 
 
 def test_ringing_that_the_model_tells_does_not_raise_the_floor_of_a_slow_track():
@@ -52,7 +53,14 @@ def test_ringing_that_the_model_tells_does_not_raise_the_floor_of_a_slow_track()
     (item,) = problem.train
     item.points, item.tip_noise_mm = item.points + ringing[:, None, :] * 1e-3, white_noise_mm(noise + ringing)
     fitted.solution.evaluation.predicted[0].points = ringing[:, None, :] * 1e-3
-    assert item.tip_noise_mm > 1.0 and measurement(problem, fitted) == pytest.approx(0.06 * np.sqrt(2), rel=0.1)
+    assert item.tip_noise_mm > 1.0 and measurement(problem, fitted)[0] == pytest.approx(0.06 * np.sqrt(2), rel=0.1)
+
+
+def test_a_model_that_leaves_less_than_the_track_claims_gives_the_floor_and_is_told_as_its_source():
+    """A fit had told 4.00 mm, the diagnosis of the same model 3.21 mm, and nobody said why."""
+    slow = 0.06 * np.sin(2 * np.pi * 2.0 * np.arange(1200) / 240.0)[:, None] * np.ones(2)
+    floor, source = measurement(*_fake(slow, 0.5))
+    assert floor == pytest.approx(0.06) and source.startswith("what a model leaves of its worst run")
 
 
 def test_repeats_give_the_irreproducible_floor(campaign):
