@@ -13,9 +13,9 @@ from pathlib import Path
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
 from rfea_vision.campaign.template import campaign_name, write_new
-from rfea_vision.campaign.yaml_file import flow
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
+from rfea_vision.yaml_line import flow
 
 _MOST_FILES = 1000  # more is a whole disk, not a campaign
 #: Boards as they are sold and printed, the usual ones first.

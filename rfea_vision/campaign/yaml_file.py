@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,19 +114,6 @@ def parse_yaml(text: str) -> tuple[Any, yaml.Node | None]:
     if _size(node, {}) > _MOST_VALUES:
         raise ValueError(f"its aliases stand for more than {_MOST_VALUES} values; write out what is meant")
     return yaml.safe_load(text), node
-
-
-def flow(value: object) -> str:
-    """A value as YAML on one line; text has quotes wherever YAML might read something else into it."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(flow, value)) + "]"
-    if not isinstance(value, str | Path):
-        return json.dumps(value)
-    text = str(value)
-    plain = text.strip() == text != "" and all(sign.isalnum() or sign in " .+-_^/%" for sign in text)
-    return text if plain and yaml.safe_load(f"[{text}]") == [text] else json.dumps(text, ensure_ascii=False)
 
 
 def _size(node: yaml.Node | None, known: dict[int, int]) -> int:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import json
 import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,35 +15,61 @@ from numpy.typing import NDArray
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Table, listed
 from rfea_vision.units import conversion_factor, counted, pressure_unit
+from rfea_vision.yaml_line import flow
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
 """Spellings that no registry of units knows."""
 
 #: Share within which two units are the same: the nearest that are not, at and bar, differ by 2 %.
 _SAME_UNIT = 0.005
-_NEEDS_QUOTES = re.compile(r"[\[\]{},:#\"'&*!|>%@`]")
+#: Keys beside that of a column whose quantities are numbers by the time that they are read, and what these are in.
+_UNITS = {"ambient": "kPa", "scale": "m", "rate": "Hz"}
 
 # What loggers call their columns, in the languages of the labs that we know of.
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
 _PRESSURE_WORDS = re.compile(r"press|druck|pression|presi|paine|^p\d*$|^p\d*[ _(\[]", re.IGNORECASE)
+_AIR_WORDS = re.compile(r"ambi|atm|baro|umgebung|luft", re.IGNORECASE)
+_ANGLE_WORDS = re.compile(r"ang[luo]|winkel|bend|theta|^phi", re.IGNORECASE)
+#: By the key that names a column: the unit it is in, one that it is not in, and its words.
+_MEANT = {
+    "time": ("s", "kPa", _TIME_WORDS),
+    "pressure": ("kPa", "s", _PRESSURE_WORDS),
+    "ambient": ("kPa", "s", _AIR_WORDS),
+    "angle": ("deg", "s", _ANGLE_WORDS),
+}
 
 
-def column(table: Table, name: str, key: str) -> str:
-    """Return `name` if there is such a column.
+def column(table: Table, name: str, key: str, given: Mapping[str, object] | None = None) -> str:
+    """Return `name` if there is such a column; `given` are the keys beside `key`, as they are written.
 
     Raises
     ------
     InputError
-        Naming the `key` that asks for it, and the columns there are.
+        Naming the `key` that asks for it, the columns there are, and the line to write.
     """
     if name in table.columns:
         return name
-    part = key.split(".")[1]
-    meant = _meant(table, name, part)
-    if meant and _NEEDS_QUOTES.search(meant):
-        meant = json.dumps(meant, ensure_ascii=False)  # within the braces of one line brackets and commas are YAML's own
-    remedy = f"write '{part}: {meant}'" if meant else f"say which one it is with '{part}: NAME'"
+    parent, part = key.split(".")
+    given = given or {}
+    meant = meant_column(table, name, part, [value for other, value in given.items() if other != part])
+    keys = flow({**given, part: meant or "NAME"})
+    line = f"'- {keys}' in the list '{parent}'" if "chamber" in given else f"'{parent}: {keys}'"
+    remedy = f"write {line}" if meant else f"say which one it is with {line}"
     raise InputError(f"{table.source}: no column '{name}' ({key}); there are: {listed(list(table.columns))}; {remedy}")
+
+
+def as_written(keys: BaseModel) -> dict[str, object]:
+    """The keys of a part of experiment.yaml that say more than its defaults, as they are written there; no password is repeated."""
+    given = keys.model_dump(exclude_defaults=True)
+    for name, unit in _UNITS.items():
+        if isinstance(given.get(name), float):
+            given[name] = f"{given[name]:.9g} {unit}"
+    if "url" in given:
+        given["url"] = re.sub(r"(//[^:/@]*):[^@$]*@", r"\1:***@", str(given["url"]))
+    return given
 
 
 def refuse_rows(
@@ -55,10 +82,11 @@ def refuse_rows(
         raise InputError(f"{where}: {column}, row {rows[0] + 1}: {fault}{more}; {remedy}")
 
 
-def _meant(table: Table, name: str, part: str) -> str | None:
-    """The column that was probably meant, by its unit, its name, or its likeness to `name`; None if none will do."""
-    unit, other, words = ("s", "kPa", _TIME_WORDS) if part == "time" else ("kPa", "s", _PRESSURE_WORDS)
-    possible = [item for item in table.columns if not said_unit(table, item, other)]
+def meant_column(table: Table, name: str, part: str, taken: Sequence[object] = ()) -> str | None:
+    """The column, none of those `taken`, that was probably meant: by its unit, its name, its likeness to `name`; or None."""
+    unit, other, words = _MEANT[part]
+    free = [item for item in table.columns if item not in taken and not item.startswith("sigma")]
+    possible = [item for item in free if not said_unit(table, item, other)]
     by_unit = [item for item in possible if said_unit(table, item, unit)]
     by_word = [item for item in possible if words.search(item)]
     return next(iter([*by_unit, *by_word, *difflib.get_close_matches(name, possible, n=1, cutoff=0.6)]), None)
@@ -121,7 +149,9 @@ def clock_zero_s(table: Table, name: str | None) -> float | None:
     return None if moments is None else float((moments[0] - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
 
 
-def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None) -> NDArray[np.float64]:
+def in_unit(
+    table: Table, name: str, to: str, key: str, unit: str | None = None, given: Mapping[str, object] | None = None
+) -> NDArray[np.float64]:
     """Return a column (rows,) in the unit `to`; `unit` says what it is in, else the file does. Dates become s after the first
     row, which is at `clock_zero_s`.
 
@@ -130,7 +160,7 @@ def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None)
     InputError
         If there is no such column, or its unit is unknown or of another kind.
     """
-    column(table, name, key)
+    column(table, name, key, given)
     moments = _moments(table.columns[name]) if to == "s" else None
     if moments is not None:
         return (moments - moments[0]) / np.timedelta64(1, "s")

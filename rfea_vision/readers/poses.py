@@ -12,7 +12,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
 from rfea_vision.lines import along, evenly
-from rfea_vision.readers.columns import in_unit, refuse_rows
+from rfea_vision.readers.columns import as_written, in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_columns, unseen
 from rfea_vision.units import conversion_factor
 
@@ -53,7 +53,7 @@ def points_in(table: Table, spec: TrackPart | None) -> Points | None:
     else:
         assert spec is not None
         time = spec.time or ("time_s" if "time_s" in table.columns else None)
-        time_s = None if time is None else in_unit(table, time, "s", "track.time", spec.time_unit)
+        time_s = None if time is None else in_unit(table, time, "s", "track.time", spec.time_unit, as_written(spec))
         asked = {name for group in spec.groups for name in group}
         found = points_of_columns(table.source, table.columns, table.units, time_s, asked)
         if found is None:

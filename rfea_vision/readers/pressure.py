@@ -10,7 +10,17 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import clock_zero_s, column, in_unit, other_unit, refuse_rows, said_unit, unit_of
+from rfea_vision.readers.columns import (
+    as_written,
+    clock_zero_s,
+    column,
+    in_unit,
+    meant_column,
+    other_unit,
+    refuse_rows,
+    said_unit,
+    unit_of,
+)
 from rfea_vision.readers.database import read_query
 from rfea_vision.readers.kinds.base import Table, distinct
 from rfea_vision.readers.tables import read_table
@@ -226,7 +236,7 @@ def _ambient_kPa(table: Table, pressure: str, keys: PressurePart) -> FloatArray 
     """Return what is subtracted from an absolute pressure: a number, or a column brought to the pressure's times."""
     if not isinstance(keys.ambient, str):
         return keys.ambient
-    name = column(table, keys.ambient, "pressure.ambient")
+    name = column(table, keys.ambient, "pressure.ambient", as_written(keys) | {"pressure": pressure})
     unit = None if said_unit(table, name, "kPa") else keys.unit
     ambient_kPa, _ = _in_kPa(table, name, unit)
     if name in table.times_s and pressure in table.times_s:
@@ -245,7 +255,10 @@ def _choose_columns(table: Table, keys: PressurePart) -> tuple[str | None, str]:
     bare_pair = keys.time is None and keys.pressure is None and len(names) == 2 and keys.url is not None
     if bare_pair and not {"time_s", "pressure_kPa"} & set(names):
         return names[0], names[1]  # SELECT t, p FROM ...
-    pressure = column(table, keys.pressure or "pressure_kPa", "pressure.pressure")
+    given, time = as_written(keys), keys.time or "time_s"
+    if time not in names and not table.times_s and (meant := meant_column(table, time, "time")):
+        given["time"] = meant  # one line mends both
+    pressure = column(table, keys.pressure or "pressure_kPa", "pressure.pressure", given)
     if keys.time is None and pressure in table.times_s:
         return None, pressure
-    return column(table, keys.time or "time_s", "pressure.time"), pressure
+    return column(table, time, "pressure.time", given), pressure

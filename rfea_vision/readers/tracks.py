@@ -16,12 +16,13 @@ from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS
 from rfea_vision.errors import InputError
 from rfea_vision.lines import from_down
-from rfea_vision.readers.columns import clock_zero_s, in_unit, refuse_rows
+from rfea_vision.readers.columns import as_written, clock_zero_s, in_unit, meant_column, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 from rfea_vision.units import counted
+from rfea_vision.yaml_line import flow
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.schema import TrackPart
@@ -71,7 +72,7 @@ def read_track(
         (time_s, nodes, tip), angle = nodes_of_points(points, spec, to_rig_mm), None
     if nodes is not None:  # some tools write 0 or 9999 everywhere where they saw no tube
         nodes[(np.diff(nodes, axis=1) == 0).all(axis=(1, 2))] = np.nan
-    valid = _complete(table, len(time_s), nodes, tip, angle)
+    valid = _complete(table, spec, len(time_s), nodes, tip, angle)
     sigma_mm, sigma_deg = _sigma(table, "sigma_mm", valid), _sigma(table, "sigma_deg", valid)
     given = sigma_deg is not None if nodes is None and tip is None else sigma_mm is not None
     dataset = xr.Dataset(
@@ -104,12 +105,14 @@ def _errors(sigma: FloatArray | None, places: FloatArray, valid: NDArray[np.bool
     return np.tile([noise_of(places[valid, place]) for place in range(each)], (count, 1))
 
 
-def _complete(table: Table, count: int, *measured: FloatArray | None) -> NDArray[np.bool_]:
+def _complete(table: Table, spec: TrackPart | None, count: int, *measured: FloatArray | None) -> NDArray[np.bool_]:
     """Which of `count` rows have every number of what was measured; an error where fewer than two have."""
     columns = [values.reshape(count, -1) for values in measured if values is not None]
     if not columns:
+        line = flow({**(as_written(spec) if spec else {}), "angle": meant_column(table, "angle_deg", "angle") or "NAME"})
         raise InputError(
-            f"{table.source}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
+            f"{table.source}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}; where one "
+            f"of them is an angle, write 'track: {line}'"
         )
     valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
     if np.count_nonzero(valid) < 2:
@@ -165,15 +168,11 @@ def _time(table: Table, spec: TrackPart | None) -> FloatArray:
     given, angle = spec and spec.time, (spec and spec.angle) or "angle_deg"
     name = given or "time_s"
     own = given is None and name not in table.columns and angle in table.times_s
-    if given is None and name not in table.columns and not own:
-        raise InputError(
-            f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; name it with 'track.time'"
-        )
     name = angle if own else name
     time_s = (
         np.asarray(table.times_s[name], dtype=float)
         if own
-        else in_unit(table, name, "s", "track.time", spec and spec.time_unit)
+        else in_unit(table, name, "s", "track.time", spec and spec.time_unit, spec and as_written(spec))
     )
     if time_s.size < 2:
         raise InputError(f"{table.source}: {counted(time_s.size, 'row')}; a track of at least two is needed")
@@ -187,7 +186,7 @@ def _angle(table: Table, spec: TrackPart | None) -> FloatArray | None:
     given = spec and spec.angle
     if given is None and "angle_deg" not in table.columns:
         return None
-    return in_unit(table, given or "angle_deg", "deg", "track.angle", spec and spec.unit)
+    return in_unit(table, given or "angle_deg", "deg", "track.angle", spec and spec.unit, spec and as_written(spec))
 
 
 def _sigma(table: Table, name: str, valid: NDArray[np.bool_]) -> FloatArray | None:

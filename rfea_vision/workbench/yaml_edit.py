@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
-from rfea_vision.campaign.yaml_file import flow
 from rfea_vision.errors import InputError
 from rfea_vision.files import whole_file
+from rfea_vision.yaml_line import flow
 
 Keys = tuple[str, ...]
 INDENT = 2  # spaces, as `rfea init` writes

@@ -288,7 +288,7 @@ IN_FILES = [
     ("pressure in Pa", pressures(lambda p: 1000 * p), 0, "is it in Pa?"),
     ("pressure in bar", pressures(lambda p: p / 100), 0, "is it in bar or MPa?"),
     ("pressure absolute", pressures(lambda p: p + 101.3), 0, "write pressure.reference: absolute"),
-    ("columns renamed", log(lambda rows: ["t,P [bar]", *rows[1:]]), 2, """write 'pressure: "P [bar]"'"""),
+    ("columns renamed", log(lambda rows: ["t,P [bar]", *rows[1:]]), 2, """time: t, pressure: "P [bar]"}'"""),
     ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "split the log there if another recording begins"),
     ("newest row first", log(lambda rows: [rows[0], *rows[:0:-1]]), 2, "turn the order of the rows round"),
     ("log empty", content("steps/pressure.csv", b""), 2, "steps/pressure.csv"),

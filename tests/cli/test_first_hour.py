@@ -50,19 +50,41 @@ def test_diameters_given_as_radii_are_doubted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "remedy"),
+    ("header", "given", "remedy"),
     [
-        ("Zeit [s],Druck [bar]", 'pressure: "Druck [bar]"'),
-        ("t,valve,p1", "pressure: p1"),
-        ("time_s,valve,lamp", "say which one it is"),
+        ("Zeit [s],Druck [bar]", "", 'write \'pressure: {file: pressure.csv, time: "Zeit [s]", pressure: "Druck [bar]"}\''),
+        ("t,valve,p1", ", reference: absolute, ambient: 980 mbar", "reference: absolute, ambient: 98 kPa, time: t, pressure: p1}'"),
+        ("time_s,valve,lamp", "", "say which one it is with 'pressure: {file: pressure.csv, pressure: NAME}'"),
     ],
 )
-def test_the_time_is_never_guessed_to_be_the_pressure(tmp_path, header, remedy):
+def test_a_column_is_advised_as_the_line_that_is_to_be_written(tmp_path, header, given, remedy):
+    """Of its name alone nobody knew where it belongs; and the time is never guessed to be the pressure."""
     campaign = write_campaign(tmp_path / "c")
-    rows = [",".join([str(0.01 * i), "1", "2"][: header.count(",") + 1]) for i in range(5)]
+    rows = [",".join([str(0.01 * i), str(i), "2"][: header.count(",") + 1]) for i in range(5)]
     (campaign / "steps" / "pressure.csv").write_text("\n".join([header, *rows]) + "\n")
+    file = campaign / "steps" / "experiment.yaml"
+    file.write_text(file.read_text().replace("{file: pressure.csv", "{file: pressure.csv" + given))
     answer = rfea("check", campaign)
     assert answer.code == 2 and remedy in " ".join(answer.out.split())
+    line = re.search("'(pressure: .*})'", " ".join(answer.out.split()))
+    assert line is not None
+    if "NAME" not in line[1]:
+        file.write_text(re.sub("^pressure: .*$", lambda _: line[1], file.read_text(), flags=re.MULTILINE))
+        assert "no column" not in rfea("check", campaign).out
+
+
+def test_the_column_of_a_chamber_and_that_of_an_angle_are_advised_likewise(tmp_path):
+    campaign = write_campaign(tmp_path / "c")
+    file, rows = campaign / "steps" / "experiment.yaml", "".join(f"{0.01 * i},{i},0.1\n" for i in range(9))
+    (campaign / "steps" / "pressure.csv").write_text(f"time_s,p1,p2\n{rows}")
+    (campaign / "steps" / "track.csv").write_text(f"t,Winkel,sigma_deg\n{rows}")
+    text = file.read_text().replace("{file: pressure.csv}", "[{chamber: left, file: pressure.csv}, {chamber: right, value: 0 kPa}]")
+    file.write_text(text)
+    said = " ".join(rfea("check", campaign).out.split())
+    assert "write '- {chamber: left, file: pressure.csv, pressure: p1}' in the list 'pressure'" in said
+    assert "no column 'time_s' (track.time)" in said and "write 'track: {file: track.csv, time: t}'" in said
+    file.write_text(text.replace("{file: track.csv}", "{file: track.csv, time: t}"))
+    assert "write 'track: {file: track.csv, time: t, angle: Winkel}'" in " ".join(rfea("check", campaign).out.split())
 
 
 def test_a_missing_extra_is_one_sentence(tmp_path, monkeypatch):
