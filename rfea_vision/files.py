@@ -73,8 +73,8 @@ def sweep(folder: Path) -> None:
                     Path(place, name).unlink()
 
 
-def storage_error(error: OSError) -> RfeaError | None:
-    """What a fault of the disk means, as an error with one sentence; None if it is none.
+def storage_error(error: OSError, elsewhere: str = "keep the results elsewhere with --out DIR") -> RfeaError | None:
+    """What a fault of the disk means, as an error with one sentence; None if it is none. `elsewhere`: how to write to another place.
 
     A place that may not be written to is wrong usage, as results may go elsewhere; all else is a state of the machine.
     """
@@ -84,7 +84,7 @@ def storage_error(error: OSError) -> RfeaError | None:
     if error.errno in _FULL:
         return DataError(_full(where))
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return InputError(f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}")
+        return InputError(f"{where}: {error.strerror}; allow it, or {elsewhere}; {kept}")
     # a folder that goes away while it is looked at is said to be there, and no folder
     if error.errno in _GONE or (error.errno in _IN_THE_WAY and not os.path.lexists(where)):
         gone = "it went away while it was worked on: bring it back and run the command again"

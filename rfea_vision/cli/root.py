@@ -135,10 +135,18 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if _interrupted:
             return failed(_KEPT, INTERRUPTED, traced=False)
-        if (stored := storage_error(error) if isinstance(error, OSError) else None) is not None:
+        if (stored := storage_error(error, _elsewhere(arguments)) if isinstance(error, OSError) else None) is not None:
             return failed(str(stored), stored.exit_code)
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return failed(f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1)
+
+
+def _elsewhere(arguments: list[str]) -> str:
+    """How the command of this line is told to write to another place: by its options, or else by the place that it was given."""
+    command = next((rfea.get_command(click.Context(rfea), name) for name in arguments if name in COMMANDS), rfea)
+    taken = {name for item in (command.params if command else ()) for name in item.opts}
+    ways = [f"{name} {kind}" for name, kind in (("--out", "DIR"), ("--output", "FILE")) if name in taken]
+    return f"keep the results elsewhere with {' or '.join(ways)}" if ways else "choose another folder"
 
 
 def _with_advice(error: click.ClickException, arguments: list[str]) -> click.ClickException:

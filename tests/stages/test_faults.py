@@ -162,6 +162,28 @@ def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, code, capsys, mon
     assert storage_error(OSError(errno.EINVAL, "x")) is None
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["init", "tube"], "or choose another folder;"),
+        (["board", "checkerboard-9x6-12mm"], "or keep the results elsewhere with --output FILE;"),
+        (["effects", "new", "mine.py"], "or choose another folder;"),
+        (["propose", "tube"], "or keep the results elsewhere with --out DIR or --output FILE;"),
+    ],
+)
+def test_a_place_that_may_not_be_written_to_is_left_by_what_the_command_has(tmp_path, arguments, says, capsys, monkeypatch):
+    """`init` and `board` advised --out, which they have not."""
+    write_campaign(tmp_path / "tube" if "propose" in arguments else tmp_path / "other")
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EROFS, "Read-only file system", "here")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rfea_vision.files.tempfile.mkstemp", refused)
+    assert run(arguments) == 2
+    assert capsys.readouterr().err.strip() == f"rfea: here: Read-only file system; allow it, {says} what was finished is kept"
+
+
 def test_what_is_in_the_way_is_told_from_what_has_gone(tmp_path):
     (tmp_path / "there").touch()
     said = {
