@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
-from rfea_vision.campaign.template import campaign_name, write_new
+from rfea_vision.campaign.template import CAMERA_EXAMPLES, RIG_EXAMPLE, campaign_name, write_new
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 from rfea_vision.yaml_line import flow
@@ -194,7 +194,8 @@ class _Draft:
         text += f"format: rfea-campaign/1\nname: {flow(campaign_name(self.folder))}\n"
         text += "actuator:\n" + self._lines(keys, "actuator")
         filmed = any(run.motion.what == "film" for run in runs)
-        return text + ("camera:\n" + self._lines(self._camera(pictures), "camera") if filmed else "")
+        camera = "camera:\n" + self._lines(self._camera(pictures), "camera") + CAMERA_EXAMPLES if filmed else ""
+        return text + camera + RIG_EXAMPLE
 
     def _lines(self, keys: Sequence[Key], where: str) -> str:
         """Keys as lines of YAML below a heading: guesses are marked, what nobody can guess is left as a comment."""

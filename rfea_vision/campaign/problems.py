@@ -119,8 +119,8 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return f"found {found}; must be at least {item['ctx']['ge']:g}"
         case "int_parsing" | "int_type" | "int_from_float":
             return f"found {found!r}; a whole number is needed"
-        case "finite_number":
-            return f"found {found}; a number is needed"
+        case "finite_number" | "float_parsing" | "float_type":
+            return f"found {found!r}; a number is needed"
         case "value_error":
             return str(item["ctx"]["error"])
         case "model_type" | "dict_type" | "model_attributes_type":

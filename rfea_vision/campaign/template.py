@@ -11,6 +11,15 @@ from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
 _RUNS = (("run-1", "train"), ("run-2", "validate"))
+#: What most real films need below `camera`, and some rigs: each a line that holds once its first '#' is gone and its numbers are yours.
+CAMERA_EXAMPLES = """\
+  # clamp: [[x, y], [x, y]]  # if needed: both ends of the first visible cross-section, px of frame 0; 'rfea open' points at them
+  # tip: [x, y]  # if needed: the middle of the tube's end, px of frame 0
+  # vertical: rest  # if needed: board: its rows are level (default) | rest: the resting tube hangs straight | image: its rows are level
+"""
+RIG_EXAMPLE = """\
+# rig: {gravity: down}  # if needed: gravity in the frame in which the unloaded tube points down: down | up | left | right | none
+"""
 
 
 def write_campaign_template(folder: Path) -> list[Path]:
@@ -21,7 +30,7 @@ def write_campaign_template(folder: Path) -> list[Path]:
     InputError
         If one of the files is there already: nothing is overwritten.
     """
-    pages = {folder / "campaign.yaml": template("campaign.yaml").format(name=campaign_name(folder))}
+    pages = {folder / "campaign.yaml": template("campaign.yaml").format(name=campaign_name(folder)) + CAMERA_EXAMPLES + RIG_EXAMPLE}
     run_page = template("experiment.yaml")
     pages |= {folder / run / "experiment.yaml": run_page.format(name=run, role=role) for run, role in _RUNS}
     if folder.exists() and not folder.is_dir():

@@ -60,7 +60,7 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
         say(f"guessed: {sentence}")
     for sentence in written.left_out:
         say(f"left out: {sentence}")
-    say("look at the lines marked '# guessed:' and '# needed:'")
+    say("look at the lines marked '# guessed:' and '# needed:'; those marked '# if needed:' wait for their '#' to be taken away")
     say_next("rfea check", folder, why="what is still wrong, all at once")
 
 

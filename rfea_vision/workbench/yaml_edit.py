@@ -122,7 +122,7 @@ def _inserted(text: str, node: yaml.MappingNode, keys: Keys, value: object, newl
 def _put(text: str, at: int, keys: Keys, value: object, column: int, newline: str) -> str:
     """Put a key where a line begins, or in place of the example that `rfea init` left for it in the same block."""
     lines = _lines(keys, value, column, newline)
-    example = re.compile(rf"[ ]{{{column}}}# {re.escape(keys[0])}: [^\n]*# needed: [^\n]*(\n|$)")
+    example = re.compile(rf"[ ]{{{column}}}# {re.escape(keys[0])}: [^\n]*# (?:if )?needed: [^\n]*(\n|$)")
     for start in _block_around(text, at, column):
         if found := example.match(text, start):
             return text[:start] + lines + text[found.end() :]

@@ -1,5 +1,7 @@
 """`rfea init --from`: what is guessed is right, and marked; what cannot be guessed is asked for."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,8 @@ import yaml
 from rfea_vision.campaign import load_campaign, read_campaign
 from rfea_vision.campaign.from_files import write_campaign_from
 from rfea_vision.campaign.guess import look
+from rfea_vision.campaign.schema import CampaignFile
+from rfea_vision.campaign.template import write_campaign_template
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
@@ -179,8 +183,8 @@ def test_a_film_without_a_board_is_asked_for_one_or_for_a_scale_in_lines_that_ca
     """The board's line had been cut in two at its first colon."""
     (tmp_path / "a.mkv").write_bytes(b"")
     written = write_campaign_from(tmp_path / "tube", [tmp_path / "a.mkv"])
-    lines = (tmp_path / "tube" / "campaign.yaml").read_text().partition("camera:\n")[2].splitlines()
-    asked = yaml.safe_load("\n".join(line.replace("# ", "", 1) for line in lines))
+    lines = (tmp_path / "tube" / "campaign.yaml").read_text().splitlines()[1:]
+    asked = yaml.safe_load("\n".join(line.replace("# ", "", 1) for line in lines if "needed: " in line or "# " not in line))["camera"]
     assert asked["board"] == {"kind": "checkerboard", "inner_corners": [9, 6], "square": "12 mm"}
     assert asked["scale"] == {"points": [["x", "y"], ["x", "y"]], "distance": "155 mm"}
     assert "camera.board: needed, and not guessed: a board, with 'photos' of it; or 'scale'" in written.guesses
@@ -191,6 +195,20 @@ def test_an_animated_picture_is_a_film(tmp_path):
     (tmp_path / "arm.gif").write_bytes(b"")
     write_campaign_from(tmp_path / "tube", [tmp_path / "arm.gif"])
     assert "video:\n  file: arm.gif\n" in (tmp_path / "tube" / "arm" / "experiment.yaml").read_text()
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_what_most_films_need_stands_in_lines_that_can_be_uncommented(tmp_path, guessed):
+    """Clamp, tip, vertical and rig were to be looked up, and where they belong; untouched these lines say nothing."""
+    (tmp_path / "a.mkv").write_bytes(b"")
+    write_campaign_from(tmp_path / "tube", [tmp_path / "a.mkv"]) if guessed else write_campaign_template(tmp_path / "tube")
+    text = (tmp_path / "tube" / "campaign.yaml").read_text()
+    before = yaml.safe_load(text)
+    plain = re.sub(r"^( *)# (\w+: .*# if needed: )", r"\1\2", text, flags=re.MULTILINE)
+    keys = CampaignFile.model_validate(yaml.safe_load(plain.replace("[x, y]", "[3, 4]")))
+    assert keys.camera is not None and keys.rig is not None
+    assert (keys.camera.clamp, keys.camera.tip, keys.camera.vertical) == (((3, 4), (3, 4)), (3, 4), "rest")
+    assert "rig" not in before and not {"clamp", "tip", "vertical"} & set(before["camera"] or {})
 
 
 def test_groups_of_markers_are_the_clamp_and_the_tip(tmp_path, shared_data):

@@ -10,6 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rfea_vision.campaign.template import write_campaign_template
 from rfea_vision.errors import InputError
 from rfea_vision.workbench.clocks import write_sync
 from rfea_vision.workbench.pointing import write_hint
@@ -138,3 +139,15 @@ def test_a_key_goes_below_a_heading_in_place_of_its_example(end):
     assert beside.splitlines() == [*BARE.splitlines()[:3], "  clamp: [[10.5, 20], [30, 20]]", "sync: motion"]
     assert "# scale" not in with_key(beside, ("camera", "scale"), SCALE)
     assert with_key("camera:  # a phone", ("camera", "tip"), [1, 2]) == "camera:  # a phone\n  tip: [1, 2]\n"
+
+
+@pytest.mark.parametrize(("keys", "value"), [(("camera", "clamp"), CLAMP), (("camera", "tip"), [5, 6]), (("rig", "gravity"), "none")])
+def test_a_key_goes_where_init_left_the_line_that_most_films_need(tmp_path, keys, value):
+    write_campaign_template(tmp_path / "c")
+    before = (tmp_path / "c" / "campaign.yaml").read_text()
+    changed = with_key(before, keys, value).splitlines()
+    example = keys[-1] if keys[0] == "camera" else "rig"
+    lines = before.splitlines()
+    at = next(row for row, line in enumerate(lines) if line.lstrip().startswith(f"# {example}: "))
+    assert lines[:at] == changed[:at] and lines[at + 1 :] == changed[len(changed) - len(lines) + at + 1 :]
+    assert changed[at].lstrip().startswith(f"{example}:")
