@@ -47,6 +47,14 @@ def log_notes(log_time_s: FloatArray, gaps: FloatArray) -> list[str]:
     return notes
 
 
+def short_log(time_s: FloatArray, log_time_s: FloatArray, share: float) -> str:
+    """Say that a log (samples,) lasts less than a share of what the frames (n,) do, wherever it begins, and the remedy; else empty."""
+    film_s, log_s = float(np.ptp(time_s)), float(np.ptp(log_time_s))
+    if log_s >= share * film_s:
+        return ""
+    return f"the film lasts {film_s:.2f} s and the log {log_s:.2f} s, which is all that both can share; give the log of the whole run"
+
+
 def repeat_notes(repeats: int, frames: int) -> list[str]:
     """Notes on frames that repeat the picture before; none on a few, which are chance."""
     if repeats <= max(2, 0.003 * frames):

@@ -21,7 +21,15 @@ from scipy.ndimage import gaussian_filter1d
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
-from rfea_vision.sync.ambiguity import check_direction, gaps_of, log_notes, outside_gaps, repeat_notes, repetition
+from rfea_vision.sync.ambiguity import (
+    check_direction,
+    gaps_of,
+    log_notes,
+    outside_gaps,
+    repeat_notes,
+    repetition,
+    short_log,
+)
 from rfea_vision.sync.regression import (
     DRIFT,
     FIRST_TERM,
@@ -47,7 +55,7 @@ from rfea_vision.sync.sections import (
 
 LOW_HZ, HIGH_HZ = 0.8, 8.0  # creep and drift lie below, and above the noise of accelerations grows
 COARSE_S = 0.006  # a twentieth of the shortest period of the band
-LEAST_OVERLAP_S = 1.0  # a period of LOW_HZ, nearly
+LEAST_OVERLAP_S, LEAST_FRAMES = 1.0, 60  # a period of LOW_HZ, nearly
 HIGHEST_OF_LOG_RATE = 0.15  # of the log's rate: a third of what it can show
 BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard error
 FILTER_REACH_S = 0.15  # at which the low-pass at HIGH_HZ has died away
@@ -111,26 +119,28 @@ def align_by_motion(
     """
     motion = motion_of(track, bends, gravity_deg)
     time = motion.time_s
-    too_few = f"{experiment}: sync: {len(time)} tracked frames are too few to align by motion; use sync.method offset"
-    if len(time) < 60 or time[-1] - time[0] < LEAST_OVERLAP_S:
-        raise DataError(too_few)
+    film_s = float(np.ptp(time)) if len(time) else 0.0
+    if len(time) < LEAST_FRAMES or film_s < LEAST_OVERLAP_S:
+        raise DataError(
+            f"{experiment}: sync: {len(time)} tracked frames over {film_s:.2f} s are too few to align by motion, which needs "
+            f"{LEAST_FRAMES} over {LEAST_OVERLAP_S:g} s; record longer, or use sync.method offset"
+        )
     if motion.swing_rad < np.radians(LEAST_SWING_DEG):
         raise DataError(
-            f"{experiment}: sync: the tube bends by only {np.degrees(motion.swing_rad):.2f} deg; "
-            "use sync.method offset, led or trigger"
+            f"{experiment}: sync: the tube bends by only {np.degrees(motion.swing_rad):.2f} deg; use sync.method offset, led or trigger"
         )
     log_rate = 1.0 / float(np.median(np.diff(log_time_s)))
     seen = FilteredMotion.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
     offsets, shares, own = search(seen, target)
     best = int(np.argmax(shares))
-    if shares[best] == 0.0:  # at no offset are there enough of them for the terms of the motion
-        raise DataError(f"{too_few}, or record longer")
     if shares[best] < LEAST_EXPLAINED:
-        raise DataError(
-            f"{experiment}: sync: the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset; "
-            "check that video and log belong together, or use sync.method offset"
-        )
+        told = f"the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset"
+        why = "check that video and log belong together"
+        if shares[best] == 0.0:
+            told = f"at any offset too few of {len(time)} tracked frames lie within the log, beside gaps and what is lost at the ends"
+            why = "record longer, or at a higher rate"
+        raise DataError(f"{experiment}: sync: {told}; {short_log(time, log_time_s, LEAST_EXPLAINED) or why}, or use sync.method offset")
     repeats, doubt_s = repetition(offsets, shares, own, slowest_s=1 / LOW_HZ, experiment=experiment)
     found = refine(seen, target, float(offsets[best]), (offsets, shares))
     shifted = time * (1 + 1e-6 * found.drift_ppm) + found.offset_s

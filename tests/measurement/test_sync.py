@@ -10,7 +10,7 @@ from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.stages.warnings import warnings_of
-from rfea_vision.sync import motion, synchronise
+from rfea_vision.sync import synchronise
 from rfea_vision.sync.synchronise import check_log
 
 
@@ -116,11 +116,29 @@ def test_a_sensor_that_is_run_into_its_end_is_asked_for(log, end):
     assert "is the sensor saturated?" in check_log(TIMES_S, np.minimum(log, end), "a", moving=True)[0]
 
 
-def test_frames_too_few_for_the_terms_of_a_motion_are_told_as_that(monkeypatch):
+@pytest.mark.parametrize(
+    ("rate", "film_s", "log_s", "says"),
+    [
+        (240.0, 0.65, (-0.5, 6.0), r"156 tracked frames over 0.65 s are too few .* needs 60 over 1 s; record longer, or use"),
+        (30.0, 5.0, (0.0, 1.3), r"too few of 150 tracked frames lie within the log.*; the film lasts 4.97 s and the log 1.30 s, "),
+        (30.0, 5.0, (0.5, 2.0), r"explains only \d+ % .* and the log 1.50 s, which .*; give the log of the whole run, or use"),
+    ],
+)
+def test_what_is_short_is_told_and_what_helps(rate, film_s, log_s, says):
+    """Where the log was short the film's frames had been called too few, or their motion another one than the log's."""
+    track, log = made(0.0, rate=rate)
+    track = Track(track.dataset.sel(time=slice(0.0, film_s - 1e-6)))
+    within = (log.time_s >= log_s[0] - 1e-6) & (log.time_s <= log_s[1] + 1e-6)
+    with pytest.raises(DataError, match=says):
+        synchronise(track, PressureLog(log.time_s[within], log.pressure_kPa[within]), experiment="a", role="train", bends="left")
+
+
+def test_frames_too_few_for_the_terms_of_a_motion_are_told_as_that():
     """Of 2 s at 30 Hz, whose motion and pressure belong together, it was said that the motion explains 0 %."""
-    track, log = made(0.0)
-    monkeypatch.setattr(motion, "search", lambda seen, target: (np.zeros(3), np.zeros(3), np.zeros(3)))
-    with pytest.raises(DataError, match=r"1200 tracked frames are too few to align by motion.*or record longer"):
+    track, log = made(0.0, rate=25.0)
+    seen = np.repeat(np.arange(31) % 2 == 0, 4)[:124]  # of what is seen in bursts none is far from a gap
+    track = Track(track.dataset.isel(time=np.flatnonzero(seen)))
+    with pytest.raises(DataError, match=r"too few of 64 tracked frames lie within the log.*; record longer, or at"):
         synchronise(track, log, experiment="a", role="train", bends="left")
 
 
