@@ -65,7 +65,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         doubts += plausibility.of_copies(found.time_s, np.asarray(found.dataset["reason"].values == "duplicate"))
         doubts += plausibility.of_upside_down(found.dataset, 1e3 * experiment.actuator.length)
         doubts += of_width(found.dataset, experiment.actuator)
-        found.dataset.attrs["doubts"] = "; ".join(doubts)
+        found.dataset.attrs["doubts"] = "; ".join(filter(None, [found.dataset.attrs.get("doubts"), *doubts]))
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)

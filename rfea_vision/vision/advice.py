@@ -175,6 +175,18 @@ def film_lacks(trials: Trials) -> str:
     )
 
 
+def marks_unseen(trials: Trials) -> str:
+    """Say that the tube has no mark in the first frame of the colour that a person gave; empty where it has, or none was given."""
+    named = trials.scene.hints.marks
+    if named is None or not trials.scene.is_pointed_at or not trials.first.good or trials.first.marks:
+        return ""
+    colour = "#" + "".join(f"{level:02x}" for level in named)
+    return (
+        f"camera.marks: nothing on the tube is of the colour '{colour}' in the first frame, so that no mark is followed: give the "
+        "colour that the marks have in the picture, as a picture editor shows it, or leave the key out"
+    )
+
+
 def end_like_wall(follower: Follower | BodyFollower) -> str:
     """Say that a body's end cannot be told from what is behind it, and what shows it; empty where it can."""
     if not isinstance(follower, BodyFollower) or follower.body.told.all():

@@ -20,6 +20,7 @@ from rfea_vision.vision.advice import (
     clicked_aside,
     end_guessed,
     end_like_wall,
+    marks_unseen,
     moves_elsewhere,
     next_hint,
     scale_doubt,
@@ -126,6 +127,8 @@ def track_frames(
         said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
     if said:
         data.attrs["advice"] = "; ".join(said)
+    if told := marks_unseen(trials):
+        data.attrs["doubts"] = told
     return Track(data)
 
 
@@ -209,7 +212,7 @@ def _why_lost(
         off = scale_doubt(told.attrs["length_check"])
     remedy = _misplaced(trials, follower, rows) or (end_like_wall(follower) if rows.good else "")
     remedy = remedy or next_hint(trials, rows.reasons, scale_off=off, side_off=side)
-    return f"{measured} ({rows.commonest_reason}); {remedy}"
+    return "; ".join(filter(None, [f"{measured} ({rows.commonest_reason})", marks_unseen(trials), remedy]))
 
 
 def _misplaced(trials: Trials, follower: Follower | BodyFollower, rows: Rows) -> str:

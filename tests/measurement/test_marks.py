@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Track
 from rfea_vision.vision.body.begin import first_body
 from rfea_vision.vision.body.fit import UNKNOWNS, Evidence, fit_body
 from rfea_vision.vision.body.marks import Mark, SeenMark, along_line, find_marks, marks_in, place_of, row_apart
 from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
+from testing.phone import Arm, Room, film
+from tests.cli.console import rfea
 from tests.measurement.test_gone import HALF, drawn, follower_of, middle_of
 
 RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)
@@ -42,6 +45,28 @@ def test_marks_are_found_where_they_are_and_named_ones_alone():
     assert places == [[60.0, 90.0], [63.0, 150.0]]
     (red,) = find_marks(picture(), body, lab_of(RED))
     assert red.share == pytest.approx(130 / 160, abs=0.01)
+
+
+@pytest.mark.parametrize(("marks", "unseen"), [("red", False), ("'#00ff00'", True)])
+def test_a_colour_that_no_mark_has_is_told_when_the_film_is_tracked(tmp_path, marks, unseen):
+    """A green that nobody had painted was taken in silence, and no mark was followed."""
+    arm = Arm(opacity=0.7, glare=0.3, marks=3, tape_end=5.0, swell=0.25)
+    room = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
+    (tmp_path / "swing").mkdir()
+    truth = film(tmp_path / "swing" / "film.mp4", arm, room, -np.linspace(0.05, 0.4, 6))
+    one, other, tip = (np.round(place, 1).tolist() for place in (*truth.clamp_px, truth.tip_px))
+    (tmp_path / "campaign.yaml").write_text(
+        "format: rfea-campaign/1\nname: marked\n"
+        f"actuator: {{outer_radius: {arm.half_width} mm, inner_radius: 1 mm, length: {arm.length} mm}}\n"
+        f"camera: {{vertical: image, scale: {{points: [[10, 10], [120, 10]], distance: 50 mm}}, clamp: [{one}, {other}], tip: {tip}, "
+        f"marks: {marks}}}\n"
+    )
+    (tmp_path / "swing" / "experiment.yaml").write_text("format: rfea-experiment/1\nname: swing\nvideo: {file: film.mp4}\n")
+    answer = rfea("track", tmp_path)
+    assert answer.code == 0, answer.err
+    warned = "warning: swing: camera.marks: nothing on the tube is of the colour '#00ff00' in the first frame"
+    assert (warned in answer.err) == ("camera.marks" in answer.err) == unseen
+    assert ("camera.marks" in Track.load(tmp_path / "rfea" / "swing" / "track.nc").dataset.attrs["doubts"]) == unseen
 
 
 def test_grain_and_patterns_are_no_marks():
