@@ -62,12 +62,16 @@ def reference_photo(photos: Sequence[Path], plane: Path | None) -> Photo | None:
     return first[kinds.most_common(1)[0][0]] if kinds else None
 
 
-def unlike_film(photo_px: tuple[int, int], film_px: tuple[int, int]) -> str:
-    """Why a calibration from photos of one size (width, height) does not hold for a film; empty where their shapes are the same."""
-    (width, height), (w, h) = photo_px, film_px
+def unlike_film(own_px: tuple[int, int], film_px: tuple[int, int], *, photos: bool = False) -> str:
+    """Why a calibration of one size (width, height), by the campaign's `photos` or not, holds for no film of another; else empty."""
+    (width, height), (w, h) = own_px, film_px
     if max(abs(w - width), abs(h - height)) <= 2 or abs(w * height / (h * width) - 1) <= SAME_SHAPE:
         return ""
-    remedy = "calibrate in the video's camera mode"
+    what, again = "its camera was calibrated for", "calibrate with the camera held as for it"
+    remedy = "calibrate in the video's camera mode, or point at camera.scale in the video"
+    if photos:
+        what, again = "camera.photos have", "photograph the board with the camera held as for it"
+        remedy = "calibrate in the video's camera mode"
     if abs(w * width / (h * height) - 1) <= SAME_SHAPE:
-        remedy = "one of them is turned: turn the video, or photograph the board with the camera held as for it"
-    return f"the video has {w} x {h} px, camera.photos have {width} x {height}; {remedy}"
+        remedy = f"one of them is turned: turn the video, or {again}"
+    return f"the video has {w} x {h} px, {what} {width} x {height}; {remedy}"

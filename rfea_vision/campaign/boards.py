@@ -119,12 +119,19 @@ def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
     return next((item.name for item in alike if sha256_of(item) == sha256_of(photo)), "")
 
 
-def unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
-    """Why the photos of the board cannot calibrate a film of this size; empty where they can, or cannot be read."""
+def unlike_camera(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
+    """Why photos or an earlier calibration do not hold for a film of this size; empty where they do, or cannot be read."""
     from rfea_vision.calibration.photos import reference_photo, unlike_film
+    from rfea_vision.calibration.storage import load_calibration
 
+    if camera is not None and camera.file is not None:
+        try:
+            earlier = load_calibration(camera.file)
+        except RfeaError:  # is said of the camera
+            return ""
+        return unlike_film((earlier.image_width, earlier.image_height), film_px)
     photo = None if camera is None else reference_photo(camera.photos, camera.plane)
     if camera is None or photo is None or of_another_camera(camera):  # the latter is said of the camera
         return ""
     height, width = photo.shown().shape
-    return unlike_film((width, height), film_px)
+    return unlike_film((width, height), film_px, photos=True)

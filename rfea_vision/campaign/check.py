@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from rfea_vision.campaign import following, plausibility, pointing, repeats
-from rfea_vision.campaign.boards import Look, camera_problems, unlike_photos
+from rfea_vision.campaign.boards import Look, camera_problems, unlike_camera
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem, problem_at
 from rfea_vision.campaign.scaling import of_sizes, one_scale
@@ -248,7 +248,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     if len(run.seconds):
         run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
     run.warn("video", *plausibility.of_gaps(run.seconds))
-    if text := unlike_photos(experiment.camera, source.size):
+    if text := unlike_camera(experiment.camera, source.size):
         run.refuse("video", text)
 
 

@@ -5,15 +5,20 @@ from types import SimpleNamespace
 import av
 import numpy as np
 import pytest
+from campaign.campaigns import write_campaign
 
 from rfea_vision.calibration.photos import unlike_film
-from rfea_vision.calibration.storage import load_calibration, save_ros
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.calibration.storage import load_calibration, save_calibration, save_ros
 from rfea_vision.campaign import VideoSpec
+from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.plausibility import of_rate
 from rfea_vision.errors import InputError
+from rfea_vision.stages import open_campaign
 from rfea_vision.stages.cameras import own_times
 
 
+@pytest.mark.parametrize("photos", [False, True])
 @pytest.mark.parametrize(
     ("film", "says"),
     [
@@ -21,12 +26,33 @@ from rfea_vision.stages.cameras import own_times
         ((360, 640), None),  # the same picture, smaller
         ((720, 1278), None),  # an encoder that wants multiples of four
         ((1280, 720), "one of them is turned"),
-        ((640, 480), "calibrate in the video's camera mode"),
+        ((640, 480), "the video's camera mode"),
     ],
 )
-def test_a_film_of_another_shape_is_told_from_a_turned_one(film, says):
-    told = unlike_film((720, 1280), film)
+def test_a_film_of_another_shape_is_told_from_a_turned_one(film, says, photos):
+    told = unlike_film((720, 1280), film, photos=photos)
     assert told == "" if says is None else says in told and f"{film[0]} x {film[1]}" in told
+    assert says is None or ("camera.photos have" in told) == photos
+
+
+def test_a_film_unlike_its_earlier_calibration_is_not_told_of_photos_that_are_not_there(tmp_path):
+    """`check` said nothing, and `track` that camera.photos had another size, of which the campaign had none."""
+    write_campaign(tmp_path, {"steps": "train"})
+    save_calibration(tmp_path / "camera.yaml", scaled_by_distance((720, 1280), [[0, 0], [100, 0]], 50.0))
+    with av.open(str(tmp_path / "steps" / "film.mp4"), "w") as made:
+        stream = made.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(8):
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64), np.uint8), format="gray")))
+        made.mux(stream.encode(None))
+    with (tmp_path / "campaign.yaml").open("a") as file:
+        file.write("camera: {file: camera.yaml}\n")
+    run = tmp_path / "steps" / "experiment.yaml"
+    run.write_text(run.read_text().replace("track: {file: track.csv}", "video: {file: film.mp4}"))
+    said = [str(problem) for problem in check_campaign(tmp_path).problems if problem.severity == "error"]
+    assert len(said) == 1 and said[0].startswith(f"{run}:4: video: the video has 64 x 48 px, its camera was calibrated for 720 x 1280;")
+    with pytest.raises(InputError, match=r"its camera was calibrated for 720 x 1280; calibrate in .* or point at camera\.scale"):
+        open_campaign(tmp_path).track(["steps"])
 
 
 @pytest.mark.parametrize(("given", "own", "doubted"), [(None, 30.0, False), (240.0, 30.0, False), (30.0, 29.97, False),
