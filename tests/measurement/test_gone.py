@@ -397,3 +397,27 @@ def test_a_body_is_held_to_the_length_that_it_had():
     picture[:, : cover[0][2]] = cv2.GaussianBlur(np.full_like(picture, WALL), (0, 0), 0.8)[:, : cover[0][2]]
     follower.next(picture, 0.1)
     assert follower.unseen or follower.refusal
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3])
+def test_how_a_body_stands_in_the_picture_changes_nothing_of_what_its_length_tells(tmp_path, turns):
+    """One that grows by a quarter as it bends: lying, its scale was doubted for that; upright, it leapt by a turn."""
+    grown = 0.4 * np.sin(np.linspace(0.0, 0.6 * np.pi, 12))
+    lines = [middle_of(3.0 * part, 90.0 * (1.0 + part)) for part in grown]
+    for k, line in enumerate(lines):
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), np.rot90(drawn(line, np.full(65, HALF)), turns))
+
+    def there(x: float, y: float) -> tuple[float, float]:
+        for _ in range(turns):
+            x, y = y, 239.0 - x
+        return x, y
+
+    scene, source = follower_of(lines[0]).scene, open_frames(tmp_path, None, 20.0)
+    assert scene.hints.clamp is not None and scene.hints.tip is not None
+    (first, second), tip = scene.hints.clamp, scene.hints.tip
+    hints = Hints(clamp=(there(*first), there(*second)), tip=there(*tip))
+    calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
+    track = track_frames(source, calibration, replace(scene.actuator, bends="right"), hints=hints, vertical="image")
+    said = track.dataset.attrs["length_check"]
+    assert re.match(r"the inextensible side changes by \+(19|2\d)\.\d % with the bend, as one that stretches does, [^;]*$", said)
+    assert np.nanmax(np.abs(np.diff(track.dataset["bend_angle"].values[track.valid]))) < 30.0

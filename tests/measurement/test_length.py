@@ -61,8 +61,8 @@ def test_a_wrong_square_shows_as_a_wrong_length(checked, square_m, off):
 def test_a_body_that_stretches_is_compared_as_it_is_at_rest(of_body, doubted):
     """Of one that grows by 14 % the median was said to be 5 % too long, and the scale to be wrong."""
     bend = np.linspace(0.0, 60.0, 40) ** 2 / 60.0
-    data: Any = {"hinge_length": (("time",), 80.0 * (1.0 + 0.14 * bend / 60.0)), "bend_angle": (("time",), bend)}
-    said = _length_check(data, pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0)), of_body=of_body)["length_check"]
+    hinge, scene = 80.0 * (1.0 + 0.14 * bend / 60.0), pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0))
+    said = _length_check(hinge, bend, scene, of_body=of_body)["length_check"]
     assert "changes by +13" in said and ("against actuator.length" in said) == doubted
 
 

@@ -49,7 +49,8 @@ def build_dataset(
     profile = np.array(rows.profiles) if rows.marked else None
     data = _in_parts(rows, smoothed, view)
     marks = _add_marker_elongation(data, rows, numbers, profile, smoothed, view)
-    length_check = _length_check(data, scene, of_body=of_body)
+    turned = np.degrees(np.diff(angles(smoothed.coefficients, view.sign, np.linspace(0, 1, HEADINGS))[:, [0, -1]], axis=1)[:, 0])
+    length_check = _length_check(data["hinge_length"][1], turned, scene, of_body=of_body)
     variables = _of_all_frames(data, rows)
     if np.isfinite(lamp).any():
         variables["lamp"] = (("time",), lamp)
@@ -257,7 +258,7 @@ def _bend(
     """Angle of the tangent at the tip from that at rest, its noise and its standard error: (t,) rad each."""
     u = np.linspace(0, 1, 65)
     angle = angles(coefficients, view.sign, u) - from_down(view.down, view.sign)
-    angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
+    angle -= 2 * np.pi * np.round((angle[:, :1] - view.clamped) / (2 * np.pi))  # all frames' by the same turns
     noise = np.sqrt(variance[:, 0]) / length
     end = np.ones(1)
     rotation = view.calibrated.rotation(points_on(coefficients, end)[:, 0], tangents(coefficients, end)[:, 0])
@@ -290,9 +291,11 @@ def _tip(
     return view.in_rig(tip_plane), np.sqrt(noise), np.sqrt(total)
 
 
-def _length_check(data: Derived, scene: Scene, *, of_body: bool) -> dict[str, Any]:
-    """The inextensible side must keep its length over all postures; a body that was followed may have none."""
-    hinge, bend = data["hinge_length"][1], data["bend_angle"][1]
+def _length_check(hinge: FloatArray, bend: FloatArray, scene: Scene, *, of_body: bool) -> dict[str, Any]:
+    """The inextensible side must keep its length over all postures; a body that was followed may have none.
+
+    `hinge` (t,) mm is that length, `bend` (t,) deg the turn from the clamp's tangent to the tip's: how the rig stands is no posture.
+    """
     spread = float(np.ptp(np.quantile(hinge, [0.02, 0.98])))
     slope = float(np.polyfit(bend, hinge, 1)[0]) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
     change = 100 * slope * float(np.ptp(bend)) / float(np.median(hinge))

@@ -10,7 +10,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import unproject
-from rfea_vision.lines import along, leftwards, rig_axes
+from rfea_vision.lines import along, from_down, leftwards, rig_axes
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import point_and_tangent, points_on, tangents
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, camera_moved, picture_errors
@@ -34,6 +34,7 @@ class View:
     origin : (2,) mm in the plane, the middle of the first visible cross-section
     to_rig : (2, 2) rows: the rig's x and y as directions in the plane
     sign : 1 where the tube bends to the camera's left, else -1
+    clamped : angle (rad) of the clamp's tangent from down, positive towards the bend
     inflation : variance of an edge over that of its noise
     half_mm : half width
     calibrated : what the camera's uncertainty moves
@@ -44,6 +45,7 @@ class View:
     origin: FloatArray
     to_rig: FloatArray
     sign: float
+    clamped: float
     inflation: float
     half_mm: float
     calibrated: CalibrationError
@@ -73,7 +75,8 @@ def view_of(
     coefficients, numbers = smoothed.coefficients, rows.good_ones("numbers")
     starts = points_on(coefficients, np.zeros(1))[:, 0]
     origin = np.median(starts[min(len(starts) // 2, 30) :], axis=0)  # the clamp does not move: all frames are averaged
-    across = starts @ np.median(leftwards(tangents(coefficients, np.zeros(1))[:, 0]), axis=0)
+    clamp = np.median(tangents(coefficients, np.zeros(1))[:, 0], axis=0)
+    across = starts @ leftwards(clamp)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
     start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance")[:, 0]
     started = _start_stderr(across, start_variance, scene.px_per_mm)
@@ -84,6 +87,7 @@ def view_of(
         origin=origin,
         to_rig=rig_axes(down),
         sign=scene.actuator.mirror,
+        clamped=float(from_down(clamp @ rig_axes(down).T, scene.actuator.mirror)),
         inflation=smoothed.inflation,
         half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
         calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
