@@ -21,7 +21,7 @@ from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.scene import matched_to
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
-from rfea_vision.workbench.scales import write_scale
+from rfea_vision.workbench.scales import take_scale, write_scale
 from rfea_vision.workbench.state import HINTS
 from rfea_vision.workbench.yaml_edit import set_keys
 
@@ -137,6 +137,8 @@ def refused(campaign: Campaign, experiment: ExperimentSpec, reason: str) -> list
 def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: Any, *, everywhere: bool) -> Path:
     """Write a hint into experiment.yaml, or for all films into campaign.yaml, which a lone experiment has not; None takes it away.
 
+    A scale is taken away where it stands.
+
     Raises
     ------
     InputError
@@ -145,7 +147,7 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
     if key not in ("scale", *HINTS):
         raise InputError(f"camera.{key}: is set by hand; one points at scale, {', '.join(HINTS)}")
     if value is None and key == "scale":
-        raise InputError("camera.scale: nothing is measured without it; point at another one")
+        return take_scale(campaign, experiment)
     if value is not None:
         source = source_of(experiment)
         width, height = source.size

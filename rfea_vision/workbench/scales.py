@@ -1,4 +1,4 @@
-"""The scale of a film by two points a known distance apart: what stands in the files, and how it is written there."""
+"""The scale of a film by two points a known distance apart: what stands in the files, and how it is written there or taken out."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.errors import InputError
 from rfea_vision.units import parse_quantity
-from rfea_vision.workbench.yaml_edit import set_keys
+from rfea_vision.workbench.yaml_edit import set_keys, take_out
 
 DISTANCE = "155 mm"  # an example
 #: Keys below `camera` that say how long a pixel is; a run's own stands in place of the campaign's.
@@ -71,6 +71,21 @@ def write_scale(
         set_keys(file, {("camera", "scale", "points"): points, ("camera", "scale", "distance"): distance})
     else:
         set_keys(file, {("camera", "scale"): {"points": points, "distance": distance}})
+    return file
+
+
+def take_scale(campaign: Campaign, experiment: ExperimentSpec) -> Path:
+    """Take out the scale that a run goes by: one in campaign.yaml for all films; without its own one a film goes by that.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the file's form does not allow the change.
+    """
+    file, camera = _deciding(campaign, experiment)
+    if camera.get("scale") is None:
+        raise InputError(f"{file}: camera.scale: is not there, and cannot be taken away")
+    take_out(file, ("camera", "scale"))
     return file
 
 

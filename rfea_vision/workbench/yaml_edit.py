@@ -1,4 +1,4 @@
-"""One key of a YAML file set, and not a byte of the rest touched: what people wrote, and how, is theirs.
+"""One key of a YAML file set or taken out, and not a byte of the rest touched: what people wrote, and how, is theirs.
 
 The parser says where the value stands; the text between is replaced. What comes out is parsed again and must differ from
 what went in by that key alone, else nothing is written. The example that `rfea init` left of that very key gives way to it.
@@ -7,7 +7,7 @@ what went in by that key alone, else nothing is written. The example that `rfea 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,33 @@ def set_keys(file: Path, values: Mapping[Keys, Any]) -> None:
     InputError
         If the file cannot be read, or its form does not allow the change.
     """
-    try:
-        text = file.read_bytes().decode("utf-8")
+
+    def changed(text: str) -> str:
         for keys, value in values.items():
             text = with_key(text, keys, value)
+        return text
+
+    _change(file, changed, "set the key by hand")
+
+
+def take_out(file: Path, keys: Keys) -> None:
+    """Take a key of a file out, as if it had never been written; a mapping without any other key stays, empty.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its form does not allow the change.
+    """
+    _change(file, lambda text: without_key(text, keys), "take the key out by hand")
+
+
+def _change(file: Path, changed: Callable[[str], str], remedy: str) -> None:
+    try:
+        text = changed(file.read_bytes().decode("utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{file}: cannot be changed ({' '.join(str(error).split())}); set the key by hand") from error
+        raise InputError(f"{file}: cannot be changed ({' '.join(str(error).split())}); {remedy}") from error
     except ValueError as error:
-        raise InputError(f"{file}: {error}; set the key by hand") from error
+        raise InputError(f"{file}: {error}; {remedy}") from error
     with whole_file(file) as temporary:
         temporary.write_bytes(text.encode("utf-8"))  # no line end is translated
 
@@ -66,6 +85,41 @@ def with_key(text: str, keys: Keys, value: object) -> str:
     if yaml.safe_load(changed) != wanted:
         raise ValueError(f"{'.'.join(keys)} cannot be set without changing something else")
     return changed
+
+
+def without_key(text: str, keys: Keys) -> str:
+    """The text without one key.
+
+    Raises
+    ------
+    ValueError
+        If it is not there, or cannot be taken out without touching what stands around it (an alias).
+    """
+    wanted, node = _unshared(yaml.safe_load(text)), yaml.compose(text, Loader=yaml.SafeLoader)
+    place, above = wanted, {}
+    for key in keys:
+        if not isinstance(node, yaml.MappingNode) or key not in place:
+            raise ValueError(f"{'.'.join(keys)} is not there")
+        at = [name.value for name, _ in node.value].index(key)
+        above, mapping, (name, node) = place, node, node.value[at]
+        place = place[key]
+    del above[keys[-1]]
+    start, end = name.start_mark.index, _end(node)
+    if not mapping.flow_style:  # whole lines, with what is said of it behind it
+        start, end = text.rfind("\n", 0, start) + 1, _line_end(text, end)
+    elif at > 0:
+        start = _end(mapping.value[at - 1][1])
+    elif len(mapping.value) > 1:
+        end = mapping.value[1][0].start_mark.index
+    changed = text[:start] + text[end:]
+    if _bare(yaml.safe_load(changed)) != _bare(wanted):
+        raise ValueError(f"{'.'.join(keys)} cannot be taken out without changing something else")
+    return changed
+
+
+def _bare(value: object) -> object:
+    """The same, an empty mapping as nothing: so a block without keys is read."""
+    return {key: _bare(item) for key, item in value.items()} or None if isinstance(value, dict) else value
 
 
 def _unshared(value: object) -> Any:

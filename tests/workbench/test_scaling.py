@@ -82,6 +82,26 @@ def test_a_film_with_a_scale_of_its_own_keeps_it_there(tmp_path):
     assert load_campaign(folder).experiments[0].camera.scale.points[1] == (250.0, 500.0)
 
 
+def test_a_scale_is_taken_away_where_it_stands(tmp_path):
+    """It could be changed only; a film without its own one goes by that of all films again."""
+    folder = bare(tmp_path / "bare", "camera: {scale: {points: [[1, 2], [3, 400]], distance: 9 cm}, tip: [250, 500]}\n")
+    shared = "  scale: {points: [[250, 100], [250, 500]], distance: 155 mm}  # a ruler\n"
+    (folder / "campaign.yaml").write_text(HEAD + "  vertical: image\n" + shared)
+
+    def taken() -> object:
+        opened = OpenedCampaign(folder, None)
+        return write_hint(opened.as_far_as_read(), opened.experiment(0), "scale", None, everywhere=False)
+
+    assert taken() == folder / "swing" / "experiment.yaml"
+    camera = load_campaign(folder).experiments[0].camera
+    assert camera.scale.distance == pytest.approx(0.155) and camera.hints.tip == (250.0, 500.0)
+    assert taken() == folder / "campaign.yaml" and (folder / "campaign.yaml").read_text() == HEAD + "  vertical: image\n"
+    state = state_of(folder, None)
+    assert state["experiments"][0]["pointable"] == ("scale",) and "has no scale yet" in state["next"]["say"]
+    with pytest.raises(InputError, match=r"camera\.scale: is not there, and cannot be taken away"):
+        taken()
+
+
 def test_beside_a_board_no_scale_is_written(tmp_path):
     folder = bare(tmp_path / "bare")
     (folder / "campaign.yaml").write_text(HEAD + "  photos: calibration/board_*.png\n")
@@ -120,3 +140,8 @@ def test_a_film_without_a_board_is_shown_and_its_scale_pointed_at(unscaled, serv
     page.wait_for_selector("#hints :text('160 mm over')")
     assert load_campaign(unscaled).experiments[0].camera.scale.points == scale.points
     assert unfit(page, "setup") == {}
+    page.click('[aria-label="Take Scale away"]')
+    page.wait_for_selector("#next-say:has-text('has no scale yet')")
+    page.wait_for_selector("#tool-say:has-text('camera.scale taken away')")
+    assert "scale" not in (unscaled / "campaign.yaml").read_text() and page.locator("#measure").is_disabled()
+    assert page.locator("#hints button").count() == 0 and highlighted(page) == ["Point at them"]

@@ -14,7 +14,7 @@ from rfea_vision.campaign.template import write_campaign_template
 from rfea_vision.errors import InputError
 from rfea_vision.workbench.clocks import write_sync
 from rfea_vision.workbench.pointing import write_hint
-from rfea_vision.workbench.yaml_edit import set_keys, with_key
+from rfea_vision.workbench.yaml_edit import set_keys, take_out, with_key, without_key
 
 WRITTEN = """# our tube, see lab book p. 12
 format: rfea-campaign/1
@@ -103,6 +103,30 @@ def test_any_key_of_any_file(tree, first, second, value, style):
     changed = yaml.safe_load(with_key(text, (first, second), value))
     inner = tree.get(first) if isinstance(tree.get(first), dict) else {}
     assert changed == {**tree, first: {**inner, second: value}}
+
+
+@given(trees, names, names, leaves, st.sampled_from([True, False, None]))
+def test_any_key_of_any_file_goes_as_it_came(tree, first, second, value, style):
+    inner = tree.get(first) if isinstance(tree.get(first), dict) else {}
+    text = yaml.safe_dump({**tree, first: {**inner, second: value}}, default_flow_style=style, allow_unicode=True)
+    left = yaml.safe_load(without_key(text, (first, second)))
+    inner = {key: item for key, item in inner.items() if key != second}
+    assert (left[first] or {}) == inner and {**left, first: 0} == {**tree, first: 0}
+
+
+def test_a_key_is_taken_out_with_its_own_comment_and_no_other(tmp_path):
+    file = tmp_path / "campaign.yaml"
+    file.write_text(WRITTEN.replace("  # the clamp", "  tip: [1, 2]  # the end\n  # the clamp"))
+    take_out(file, ("camera", "tip"))
+    assert file.read_text() == WRITTEN
+    file.write_text("camera:\n  # a phone\n  scale:\n    points: [[1, 2], [3, 4]]\n    distance: 9 cm  # a ruler\nsync: motion\n")
+    take_out(file, ("camera", "scale"))
+    assert file.read_text() == "camera:\n  # a phone\nsync: motion\n"
+    for text in ("a: &x {tip: 1}\ncamera: *x\n", "camera: {clamp: 1}\n", "camera: [1, 2]\n"):
+        file.write_text(text)
+        with pytest.raises(InputError, match="take the key out by hand"):
+            take_out(file, ("camera", "tip"))
+        assert file.read_text() == text
 
 
 def test_an_offset_of_minutes_is_kept_to_the_microsecond(tmp_path):

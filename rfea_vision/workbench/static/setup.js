@@ -177,7 +177,8 @@ function take(key) {
   for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
   one("#tool-say").textContent = tools[key].say;
   one("#scale-form").hidden = key !== "scale"; one("#for-all").parentElement.hidden = key === "scale"; // which is of all films unless it is said
-  if (key === "scale") { scale.fill(run().scale); scale.ready([]); }
+  scale.ready([]); // put away, its button is not the next thing to do
+  if (key === "scale") scale.fill(run().scale);
   if (key !== "look" && !tools[key].later && seen.film) goTo(0); // hints are pixels of the first frame
   if (key === "scale" && run().scale?.distance) { seen.points = run().scale.points.map(at => [...at]); scale.ready(seen.points); } // another distance may be typed
   if (key !== "look") one("#frame").focus({preventScroll: true});
@@ -226,11 +227,12 @@ async function keep(key, value) {
   if (seen.tool === "look") one("#tool-say").textContent = `${said.file}: camera.${key} ${value === null ? "taken away" : "written"}.`;
   await guarded(reloadAll);
 }
+const away = (key, say = "take away") => h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, say);
 function showHints() {
   const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, centre_line: v => `${v.length} points`, corrections: v => `in ${v.length === 1 ? "frame" : "frames"} ${v.map(later => later.frame).join(", ")}`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
   const there = Object.keys(words).filter(key => hints[key] && (!Array.isArray(hints[key]) || hints[key].length));
-  const scaled = run().scale && h("li", {}, h("b", {}, tools.scale.label), " ", h("span", {class: "muted"}, scale.words(run().scale)), " ", h("button", {type: "button", class: "plain", onclick: () => take("scale")}, "change"));
-  one("#hints").replaceChildren(...(scaled ? [scaled] : []), ...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
+  const scaled = run().scale && h("li", {}, h("b", {}, tools.scale.label), " ", h("span", {class: "muted"}, scale.words(run().scale)), " ", h("button", {type: "button", class: "plain", onclick: () => take("scale")}, "change"), " ", away("scale", run().scale.own || filmed().length === 1 ? "take away" : "take away from all films"));
+  one("#hints").replaceChildren(...(scaled ? [scaled] : []), ...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", away(key))),
     ...(there.length ? [] : [h("li", {class: "muted"}, run().pointable.includes("clamp") ? "No hint: the tube is looked for in the whole picture." : "Nothing: the scale comes first.")]));
 }
 
