@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -12,6 +12,17 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from rfea_vision.campaign.yaml_file import ODD_SPACES, KeyPath, YamlFile
+from rfea_vision.yaml_line import flow
+
+#: How what stands in a picture, or on a board, is written, by its key.
+_FORMS = {
+    **dict.fromkeys(("clamp", "plumb"), "[[x, y], [x, y]]"),
+    "tip": "[x, y]",
+    **dict.fromkeys(("region", "box", "led"), "[x, y, width, height]"),
+    "inner_corners": "[columns, rows]",
+}
+#: What pydantic says of lists of another form.
+_MISFORMED = ("tuple_type", "list_type", "too_short", "too_long", "missing")
 
 
 @dataclass(frozen=True)
@@ -61,9 +72,14 @@ def validation_problems(
     # a misspelt key is also a missing one, and a number without its unit no word: the first of each is what to mend
     order = ("extra_forbidden", "value_error")
     found = sorted(error.errors(include_url=False), key=lambda item: (*order, item["type"]).index(item["type"]))
-    for item in found:
+    for item in _as_meant(found, files):
         keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
         file, line = _locate(files, keys)
+        placed = next((keys[: at + 1] for at, key in enumerate(keys) if key in _FORMS and keys[: at + 1] in file.lines), None)
+        if placed and item["type"] in _MISFORMED:
+            message = f"found {_value_at(file, placed)}; write it as {_FORMS[str(placed[-1])]}"
+            problems.setdefault(placed, FileProblem(file.path, message, ".".join(map(str, placed)), line, "error", experiment))
+            continue
         unknown = item["type"] == "extra_forbidden" and len(item["loc"]) == 1
         meant = closest(str(item["loc"][-1]), model.model_fields) if unknown else ""
         problem = FileProblem(
@@ -95,6 +111,34 @@ def _keys_as_written(location: tuple[str | int, ...], files: tuple[YamlFile, ...
     return keys or location[:1]
 
 
+def _value_at(file: YamlFile, keys: KeyPath) -> object:
+    value: Any = file.content
+    for key in keys:
+        value = value[key]
+    return value
+
+
+def _as_meant(found: Sequence[Any], files: tuple[YamlFile, ...]) -> list[Any]:
+    """Without keys that are unknown, or missing, to one kind of mapping only, where the other kind that may stand there is meant.
+
+    Nor are those missing that an unknown key stands for.
+    """
+    unknown = {item["loc"] for item in found if item["type"] == "extra_forbidden"}
+    astray = {item["loc"][:-1] for item in found if item["type"] in ("extra_forbidden", "missing")}
+    meant = {item["loc"][:-1] for item in found if len(item["loc"]) > 1} - astray
+
+    def misled(place: tuple[str | int, ...], name: str, kind: str) -> bool:
+        if kind not in ("extra_forbidden", "missing") or not place:
+            return False
+        of_a_kind = isinstance(place[-1], str) and _keys_as_written(place, files, keep_last=False)[-1] != place[-1]
+        if of_a_kind and any(other[:-1] == place[:-1] and isinstance(other[-1], str) for other in meant):
+            return True
+        beside = [str(other[-1]) for other in unknown if other[:-1] == place]
+        return kind == "missing" and any(of_a_kind or closest(other, [name]) for other in beside)
+
+    return [item for item in found if not misled(item["loc"][:-1], str(item["loc"][-1]), item["type"])]
+
+
 def _explain(item: Any, model: type[BaseModel]) -> str:
     kind, found = item["type"], item.get("input")
     match kind:
@@ -103,7 +147,9 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
         case "missing":
             return "is missing; add it"
         case "literal_error":
-            return f"found {found!r}; must be {item['ctx']['expected']}"
+            in_place = _annotation_of(model, item["loc"][:-1]) if str(item["loc"][-1]).startswith("literal[") else None
+            keys = [name for part in _models_in(in_place) for name in part.model_fields]
+            return f"found {found!r}; must be {item['ctx']['expected']}" + (f", or a mapping with {', '.join(keys)}" if keys else "")
         case "string_type" if isinstance(found, bool):
             return (
                 f"found {found!r}, which is how YAML reads yes, no, on and off; put quotes around the text, as in 'yes'"
@@ -123,7 +169,12 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return f"found {found!r}; a number is needed"
         case "value_error":
             return str(item["ctx"]["error"])
-        case "model_type" | "dict_type" | "model_attributes_type":
+        case "model_type" | "model_attributes_type":
+            known = _known_keys(model, item["loc"])
+            if "file" in known and isinstance(found, str):
+                return f"found {found!r}; write '{flow({item['loc'][0]: {'file': found}})[1:-1]}'"
+            return f"found {found!r}; a mapping is needed; known here: {', '.join(sorted(known))}"
+        case "dict_type":
             return f"found {found!r}; a mapping such as {{key: value}} is needed"
         case _:
             message = item["msg"][0].lower() + item["msg"][1:]
@@ -151,18 +202,24 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Return the fields of the part of `model` that `location` leads to."""
+    part = next(_models_in(_annotation_of(model, location)), model)
+    return list(part.model_fields)
+
+
+def _annotation_of(model: type[BaseModel], location: tuple[str | int, ...]) -> Any:
+    """Return what the last key of `location` that is a field may hold; None where there is none."""
+    found = None
     for part in location:
         if isinstance(part, str) and part in model.model_fields:
-            model = _model_in(model.model_fields[part].annotation) or model
-    return list(model.model_fields)
+            found = model.model_fields[part].annotation
+            model = next(_models_in(found), model)
+    return found
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the model inside an annotation such as ``Annotated[Model | None, ...]``."""
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models inside an annotation such as ``Annotated[Model | None, ...]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
+        yield annotation
     if get_origin(annotation) in (Union, types.UnionType, Annotated):
         for member in get_args(annotation):
-            if (found := _model_in(member)) is not None:
-                return found
-    return None
+            yield from _models_in(member)

@@ -137,7 +137,7 @@ WRONG = [
     ("steps", {"pressure": {"file": "gone.csv"}}, "pressure.file", "no file 'gone.csv'"),
     ("steps", {"pressure": {}}, "pressure", "exactly one of 'file' and 'url'"),
     ("steps", {"pressure": {"url": "sqlite:///log.db"}}, "pressure.query", "is missing"),
-    ("steps", {"pressure": "pressure.csv"}, "pressure", "a mapping"),
+    ("steps", {"pressure": "pressure.csv"}, "pressure", "write 'pressure: {file: pressure.csv}'"),
     ("steps", {"track": None}, "video", "exactly one of video, frames and track"),
     ("steps", {"video": {"file": "track.csv"}}, "track", "found video and track"),
     ("steps", {"track": {"file": "gone.csv"}}, "track.file", "there is pressure.csv, track.csv"),
@@ -183,6 +183,22 @@ def test_one_sentence_names_file_key_and_remedy(campaign, where, change, key, sa
     assert "\n" not in sentence
     problems = [problem for problem in check_campaign(campaign).problems if problem.severity == "error"]
     assert key in [problem.key for problem in problems]
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "says"),
+    [
+        (None, {"rig": {"gravity": {"angle": 30}}}, "rig.gravity.angle: 30 has no unit; write for example '30 deg'"),
+        (None, {"rig": {"gravity": {"angel": "30 deg"}}}, "rig.gravity.angel: unknown key 'angel'; did you mean 'angle'?"),
+        (None, {"rig": "down"}, "rig: found 'down'; a mapping is needed; known here: gravity"),
+        ("steps", {"pressure": "log 1.csv"}, "pressure: found 'log 1.csv'; write 'pressure: {file: log 1.csv}'"),
+    ],
+)
+def test_a_fault_is_told_once_and_by_what_was_meant(campaign, where, change, says):
+    """Of an angle without its unit it was said that 'angle' is unknown, asked whether 'angle' is meant, and that 'plumb' is missing."""
+    edit(campaign / "campaign.yaml" if where is None else campaign / where / "experiment.yaml", **change)
+    errors = [str(problem) for problem in read_campaign(campaign).problems if problem.severity == "error"]
+    assert len(errors) == 1 and errors[0].endswith(says), errors
 
 
 def test_missing_unit_is_found_on_its_line(campaign):
