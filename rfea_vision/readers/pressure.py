@@ -71,8 +71,11 @@ class PressureLog:
         """
         named = channel or ("led" if method == "led" else "trigger")
         if named not in self.channels:
-            there = ", ".join(sorted(self.channels)) or "none"
-            raise InputError(f"the log has no column '{named}' (others: {there}); name the column of the {method}")
+            there = sorted(self.channels)
+            remedy = f"write sync.channel: {there[0] if len(there) == 1 else 'NAME'}"
+            if not there:
+                remedy = "record the signal beside time and pressure, or write sync.method: motion"
+            raise InputError(f"the log has no column '{named}' (others: {', '.join(there) or 'none'}); {remedy}")
         return np.asarray(self.channels[named], dtype=float)
 
     def __post_init__(self) -> None:

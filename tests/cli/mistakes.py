@@ -296,7 +296,7 @@ IN_FILES = [
     ("log packed", content("steps/pressure.csv", b"\x1f\x8b\x08" + bytes(200)), 2, "is no text, whatever its name says; unpack it"),
     ("log of an instrument", content("steps/pressure.csv", bytes(range(256)) * 9), 2, "is no text, whatever its name says"),
     ("lamp without a film", text("{method: common_clock}", "{method: led}", RUN), 2, "looks for a lamp in the film, and this run has"),
-    ("no column of a trigger", text("{method: common_clock}", "{method: trigger}", RUN), 2, "sync.channel: the log has no column"),
+    ("no column of a trigger", text("{method: common_clock}", "{method: trigger}", RUN), 2, "or write sync.method: motion"),
     ("angle from 0 to 360", angle_of_a_full_turn, 0, "jumps by more than half a turn from row to row, 2 times"),
     ("log copied", copied("pressure.csv"), 0, "the same log, row by row, as that of 'sine'; was it copied by mistake?"),
     ("track copied", copied("track.csv"), 0, "the same track, row by row, as that of 'sine'; was it copied by mistake?"),

@@ -10,7 +10,7 @@ from scipy.io import savemat
 from rfea_vision.campaign import PressureSpec
 from rfea_vision.campaign.schema import PressurePart, TrackPart
 from rfea_vision.errors import InputError
-from rfea_vision.readers.pressure import read_pressure
+from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.sync import synchronise
 
@@ -226,3 +226,14 @@ def test_logs_and_a_track_with_dates_keep_what_lies_between_them(tmp_path):
             track, read_pressure(left), experiment="a", role="train", bends="left", method=method, value_s=value_s
         )
         np.testing.assert_allclose(found.time_s[0], 5.0 + (value_s or 0.0))
+
+
+@pytest.mark.parametrize(
+    ("channels", "remedy"),
+    [(["lamp"], "write sync.channel: lamp"), (["a", "b"], "write sync.channel: NAME"), ([], "record the signal beside")],
+)
+def test_a_log_without_the_column_of_a_signal_is_told_what_can_be_done(channels, remedy):
+    """Of one with time and pressure alone it was said that the column is to be named."""
+    log = PressureLog(np.arange(3.0), np.zeros(3), channels={name: np.zeros(3) for name in channels})
+    with pytest.raises(InputError, match=f"no column 'trigger' .*; {remedy}"):
+        log.signal("trigger", None)
