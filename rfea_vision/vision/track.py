@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,10 @@ LOST_FOR = 240  # frames, a second of the fastest phone's: what hides a body for
 CARRIED_ABOUT = (
     "what holds the tube is carried about in the picture and was followed: the line is as it is seen from there, and gravity is taken "
     "to pull on it as in the first frame"
+)
+BY_ENDS = (
+    "it was read by camera.clamp and camera.tip alone, for along camera.centre_line too few frames are: the line passes those points "
+    "all the same"
 )
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
@@ -125,6 +130,7 @@ def track_frames(
         said.append(told)
     elif rows.share < READ and not said:
         said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
+    said += [BY_ENDS] if follower.scene.by_ends else []
     if said:
         data.attrs["advice"] = "; ".join(said)
     if told := marks_unseen(trials):
@@ -140,9 +146,13 @@ def _followed(
     unread, astray = _corrected_edges(rows, scene)
     if scene.is_pointed_at and (rows.share < READ or unread or astray):
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        if seen.share < READ and base_moved(source, scene, seen.reasons):
-            held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
-            body, seen = max((body, seen), held, key=lambda way: way[1].good)
+        if seen.share < READ:
+            if base_moved(source, scene, seen.reasons):
+                held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
+                body, seen = max((body, seen), held, key=lambda way: way[1].good)
+            elif scene.hints.centre_line:
+                by_ends = follow_body(source, replace(scene, by_ends=True), lamp, Rows(nodes, segments), progress)
+                body, seen = by_ends if by_ends[1].share >= READ else (body, seen)
         given_up = too_few(len(rows), rows.good, rows.copies)
         # Where the body reads nothing, nothing is where it was pointed at.
         if seen.good == 0 or astray or given_up or rows.share < max(EDGES_ALONE, seen.share):

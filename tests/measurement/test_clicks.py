@@ -11,11 +11,15 @@ import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.errors import DataError
 from rfea_vision.vision import advice
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.clicks import aside
+from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.scene import make_scene
+from rfea_vision.vision.track import track_frames
 from rfea_vision.vision.trials import Trial, Trials
+from testing.sources import memory_source
 
 CLAMP, TIP = ((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)
 
@@ -148,3 +152,21 @@ def test_guesses_are_tried_once_and_only_as_far_as_they_are_asked_for(monkeypatc
     assert next(trials.guesses()).words == "guess 0" and tried == [(0, 0)]
     assert [(guess.words, guess.trial.good) for guess in trials.guesses()] == [("guess 0", 1), ("guess 1", 2), ("guess 2", 3)]
     assert len(list(trials.guesses())) == len(tried) == 3
+
+
+def test_a_film_that_a_line_leads_astray_in_is_read_by_its_ends_where_the_tube_passes_that_line(monkeypatch):
+    """It was read by nothing, and told to be read without the line; where a point lies beside the tube it still is."""
+    monkeypatch.setattr(Follower, "next", lambda *_: "no_tube")  # edges read this one
+    pictures = [cv2.cvtColor(drawn(number=k), cv2.COLOR_BGR2GRAY) for k in range(6)]
+    source, scene = memory_source(pictures, np.arange(6) / 30.0), pointed_at()
+    calibration = scaled_by_distance((240, 260), [[0, 0], [100, 0]], 50.0)
+
+    def read(*points: tuple[float, float]) -> Any:
+        hints = replace(scene.hints, centre_line=points)
+        return track_frames(source, calibration, scene.actuator, hints=hints, vertical="image")
+
+    swapped = read((120.0, 160.0), (120.0, 80.0))
+    assert swapped.valid.all() and swapped.dataset.attrs["advice"].startswith("it was read by camera.clamp and camera.tip alone")
+    assert "advice" not in read((120.0, 80.0), (120.0, 160.0)).dataset.attrs
+    with pytest.raises(DataError, match=r"alone, without camera\.centre_line"):
+        read((120.0, 160.0), (160.0, 80.0))

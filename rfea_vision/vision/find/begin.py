@@ -42,13 +42,17 @@ REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known before the first frame: camera, tube, hints, which way is down (plane frame), scale."""
+    """What is known before the first frame: camera, tube, hints, which way is down (plane frame), scale.
+
+    Where it is sought `by_ends`, what was found passes the points between them as well, and is led by clamp and tip alone.
+    """
 
     camera: FloatArray
     actuator: Actuator
     down: FloatArray
     px_per_mm: float
     hints: Hints = field(default_factory=Hints)
+    by_ends: bool = False
 
     @property
     def clamp_px(self) -> FloatArray | None:
@@ -77,6 +81,7 @@ class Scene:
         points = np.asarray(self.hints.centre_line, dtype=float).reshape(-1, 2)
         first = [] if self.clamp_px is None else [self.clamp_px.mean(axis=0)]
         last = [] if self.tip_px is None else [self.tip_px]
+        points = points[:0] if self.by_ends else points
         return np.vstack([*first, *points, *last]) if len(points) or first or last else np.empty((0, 2))
 
     def shot(self, picture: NDArray[np.uint8]) -> Shot:
