@@ -196,6 +196,21 @@ def test_clip_and_preview_of_a_compressed_film(tmp_path, small_lens):
     preview_video(source, track, calibration, tmp_path / "preview.mp4", every=12)
     with av.open(str(tmp_path / "preview.mp4")) as container:
         assert sum(1 for _ in container.decode(video=0)) == 4
+        assert float(container.streams.video[0].average_rate or 0) == pytest.approx(20, rel=0.05), "every twelfth of 240 a second"
+
+
+def test_a_preview_shows_the_colours_of_the_film(tmp_path, small_lens, monkeypatch):
+    """By them marks are pointed at, and `camera.colour`; and it had always played at 30 frames a second."""
+    pictures, times, _ = film(small_lens, Look(), bending(np.arange(6) / 12), rate_Hz=12)
+    source = memory_source(pictures, times)
+    track = track_frames(source, true_calibration(small_lens), Actuator())
+    reddish = [(time, np.dstack([grey // 4, grey // 4, grey])) for time, grey in source.frames()]
+    monkeypatch.setattr(type(source), "colours", lambda *_: iter(reddish))
+    preview_video(source, track, true_calibration(small_lens), tmp_path / "preview.mp4")
+    with av.open(str(tmp_path / "preview.mp4")) as container:
+        shown = [frame.to_ndarray(format="rgb24").reshape(-1, 3).mean(axis=0) for frame in container.decode(video=0)]
+        assert float(container.streams.video[0].average_rate or 0) == pytest.approx(12)
+    assert len(shown) == 6 and all(red > 2 * blue for red, _, blue in shown)
 
 
 def test_memory_source_times_are_kept(small_lens):

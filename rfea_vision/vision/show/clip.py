@@ -96,20 +96,23 @@ def make_clip(
     return {"file": out_mp4.name, "times_s": shown, **box}
 
 
-def write_film(out_mp4: Path, pictures: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, crf: int) -> None:
+def write_film(
+    out_mp4: Path, pictures: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, crf: int, rate_Hz: float = PLAYBACK_HZ
+) -> None:
     """Encode pictures, grey (h, w) or RGB (h, w, 3), as H.264 of a width and height, even both, by one thread."""
+    rate = Fraction(rate_Hz).limit_denominator(1000)
     options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1", "g": str(KEY_FRAME_EVERY)}
     with (
         whole_file(out_mp4) as temporary,
         av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
     ):
-        stream = container.add_stream("libx264", rate=PLAYBACK_HZ, options=options)
+        stream = container.add_stream("libx264", rate=rate, options=options)
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-        stream.time_base = Fraction(1, PLAYBACK_HZ)
+        stream.time_base = 1 / rate
         for number, picture in enumerate(pictures):
             kind = "gray" if picture.ndim == 2 else "rgb24"
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format=kind).reformat(format="yuv420p")
-            frame.pts, frame.time_base = number, Fraction(1, PLAYBACK_HZ)
+            frame.pts, frame.time_base = number, 1 / rate
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
 

@@ -13,7 +13,7 @@ from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.scene import matched_to
-from rfea_vision.vision.show.clip import clip_step, in_frame, rig_to_plane, write_film
+from rfea_vision.vision.show.clip import PLAYBACK_HZ, clip_step, in_frame, rig_to_plane, write_film
 
 RED, GREY, INNER, OUTER = (220, 0, 60), (150, 150, 150), (255, 176, 0), (0, 176, 255)
 
@@ -29,7 +29,7 @@ def preview_video(
 ) -> None:
     """Write the frames with centre line, edges and tip drawn on them; rejected frames carry their reason, and where the tube was last.
 
-    `every` takes each so-many-th frame; by default about thirty a second.
+    In the film's colours and at its pace. `every` takes each so-many-th frame; by default about thirty a second.
     """
     camera = camera_vector(matched_to(calibration, source))
     data = track.dataset
@@ -40,10 +40,10 @@ def preview_video(
     width, height = (2 * (side // 2) for side in source.size)
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
-        for number, (_, luma) in enumerate(source):
+        for number, (_, picture) in enumerate(source.colours()):
             if number % step or number >= len(valid):
                 continue
-            canvas = np.asarray(cv2.cvtColor(np.ascontiguousarray(luma), cv2.COLOR_GRAY2RGB), dtype=np.uint8)
+            canvas = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
             before = np.flatnonzero(valid[: number + 1])
             lines = [(midline[before[-1]], GREY)] if before.size else []  # where it was last
             if valid[number]:
@@ -59,4 +59,5 @@ def preview_video(
             if progress is not None:
                 progress(number + 1, len(valid))
 
-    write_film(out_mp4, pictures(), (width, height), crf=24)
+    pace_Hz = 1.0 / max(float(np.median(np.diff(track.time_s[::step]))), 1e-3) if len(valid) > step else PLAYBACK_HZ
+    write_film(out_mp4, pictures(), (width, height), crf=24, rate_Hz=pace_Hz)
