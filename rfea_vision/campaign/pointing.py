@@ -18,6 +18,8 @@ _UPWARDS = 0.5
 #: Times as wide as the tube is, or as long, by the scale, and as narrow: chosen, a diameter given as a radius is twice as wide, and a
 #: tube that bends is shorter from clamp to tip.
 _OTHER_SIZE = 1.5
+#: From clamp to tip, in lengths of the tube, where it bends by 217 deg: shorter, and not drawn in between, it is another length.
+_CURLED = 0.5
 #: Of a film's frames: chosen, key points that are doubted in some frames are left out there.
 ENOUGH = 0.5
 #: Of a mask: the tube is less of the picture than what is around it.
@@ -167,7 +169,9 @@ def of_size(hints: Hints, calibration: Calibration, tube: Actuator) -> list[tupl
             found.append(("clamp", f"{text}; are they the two edges of the tube, and is no diameter given as a radius?"))
     if hints.clamp is not None and hints.tip is not None:
         long_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, pointed_line(hints)))[-1]), 1e3 * tube.length
-        if long_mm > _OTHER_SIZE * tube_mm or (len(hints.centre_line) > 1 and long_mm < tube_mm / _OTHER_SIZE):
+        least = 1.0 / _OTHER_SIZE if len(hints.centre_line) > 1 else _CURLED
+        if not least < long_mm / tube_mm < _OTHER_SIZE:
             text = f"by it the way from camera.clamp to camera.tip is {long_mm:.3g} mm, and actuator.length {tube_mm:.3g} mm"
-            found.append(("scale", f"{text}; correct the one that is wrong"))
+            curled = "" if len(hints.centre_line) > 1 else ", or point at camera.centre_line if the tube is curled up"
+            found.append(("scale", f"{text}; correct the one that is wrong{curled if long_mm < tube_mm else ''}"))
     return found

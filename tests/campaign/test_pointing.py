@@ -65,8 +65,9 @@ def test_a_clamp_or_a_tip_where_the_tube_may_not_be_is_doubted(hints, said):
     [
         ({}, {}, []),
         ({"tip": (400.0, 200.0)}, {}, []),  # bent
+        ({"tip": (240.0, 190.0)}, {}, ["camera.scale"]),  # a length that was guessed is no tube's that hangs
         ({"clamp": ((213.0, 90.0), (267.0, 90.0))}, {}, ["camera.clamp"]),  # a diameter as radius
-        ({}, {"distance": "10 mm"}, ["camera.clamp"]),
+        ({}, {"distance": "10 mm"}, ["camera.clamp", "camera.scale"]),
         ({}, {"distance": "100 cm"}, ["camera.clamp", "camera.scale"]),
         ({"centre_line": ((240.0, 120.0), (240.0, 150.0)), "tip": (240.0, 200.0)}, {}, ["camera.scale"]),
     ],
