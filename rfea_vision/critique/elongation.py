@@ -15,6 +15,9 @@ ASSUMPTION = (
     "(w/2) times the curvature, not an independent measurement of the stretch."
 )
 
+#: A standard error by which a segment may as well be folded as twice as long: nothing is said of it.
+NOT_TOLD = 0.5
+
 
 def describe_elongation(recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Elongation:
     """Profiles at up to three pressures, measured and modelled, and the test of uniformity in a sentence.
@@ -73,11 +76,15 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
                 "degrees_of_freedom": segments - 1,
             }
         )
-        spread = float(np.ptp(mean))
+        told = sigma < NOT_TOLD
+        spread = float(np.ptp(mean[told])) if told.any() else 0.0
         uneven = chi2 > (segments - 1) + 3 * np.sqrt(2 * (segments - 1))
         verdict = "is not uniform" if uneven else "is uniform within its errors"
-        sentence = (
-            f"At {share * top:.0f} kPa the elongation {verdict}: {100 * mean.min():.1f} to {100 * mean.max():.1f} % "
-            f"(mean {100 * uniform:.1f} %, spread {100 * spread:.1f} points) over {segments} segments of {name}."
-        )
+        sentence = f"The elongation of {name} is not known anywhere along the tube at {share * top:.0f} kPa."
+        if told.any():
+            known = "" if told.all() else f"the {told.sum()} that are known of "
+            sentence = (
+                f"At {share * top:.0f} kPa the elongation {verdict}: {100 * mean[told].min():.1f} to {100 * mean[told].max():.1f} % "
+                f"(mean {100 * uniform:.1f} %, spread {100 * spread:.1f} points) over {known}{segments} segments of {name}."
+            )
     return {"sentence": sentence, "assumption": ASSUMPTION, "profiles": profiles}

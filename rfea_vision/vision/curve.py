@@ -19,6 +19,8 @@ from rfea_vision.vision.compiled import compiled, inlined, lean
 COEFFICIENTS = 18
 WIDTH_COEFFICIENTS = 8
 VERTICES = 257
+#: Curvature times half width: no body bends within its own, so a line that does says nothing of how it bends or stretches there.
+SHARPEST = 0.9
 
 
 @inlined

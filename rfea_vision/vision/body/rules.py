@@ -16,6 +16,7 @@ from rfea_vision.vision.body.fit import Fit
 from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, middle, skin_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
+from rfea_vision.vision.curve import SHARPEST
 from rfea_vision.vision.find.begin import digits_of
 
 MIDDLES = slice(STATIONS // PIECES // 2, None, STATIONS // PIECES)  # of five pieces along the body
@@ -34,7 +35,6 @@ LEAST_SLENDER = 1.5
 # ever after. Of 14,901 frames of 200 drawn films (seen) these two refuse 63 later ones; in 60 the line was off by half its width.
 FIRST_SEEN = 0.25
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
-SHARPEST = 0.9  # curvature times half width
 GATHERED = 0.4  # of a line's length, between two of its points: so near to each other it folds
 FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import from_down
-from rfea_vision.vision.curve import VERTEX_U, points_on, tangents
+from rfea_vision.vision.curve import SHARPEST, VERTEX_U, points_on, tangents
 
 
 def angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
@@ -41,4 +42,16 @@ def elongation_of(segments, coefficients, sign, variance, length, radius, calibr
     joints = np.linspace(0, 1, segments + 1)
     turning = np.diff(calibrated.rotation(points_on(coefficients, joints), tangents(coefficients, joints)), axis=-1)
     systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)
-    return out, noise, np.sqrt(noise**2 + systematic), hinge
+    bends = out / np.maximum(1.0 + out, 1e-6)  # curvature of the centre line times half width
+    kinked = beside_kinks(bends, np.abs(out), int(np.ceil(radius * segments / float(np.median(hinge)))))
+    return out, noise, np.sqrt(noise**2 + systematic + kinked**2), hinge
+
+
+def beside_kinks(bends: FloatArray, size: FloatArray, reach: int) -> FloatArray:
+    """How far off what is as large as `size` (t, n) may be where a line bends within its own half width, and `reach` places around.
+
+    `bends` (t, n) are curvatures times half width. A clamp that lets the body turn does that to a line that leaves it squarely: it
+    bends to one side there, and back to the other.
+    """
+    kinked = np.where(np.abs(bends) > SHARPEST, size, 0.0)
+    return maximum_filter1d(kinked, 2 * reach + 1, axis=1, mode="constant")

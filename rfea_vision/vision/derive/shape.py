@@ -15,7 +15,7 @@ from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
 from rfea_vision.lines import from_down, leftwards
 from rfea_vision.vision.curve import WIDTH_COEFFICIENTS, basis_matrix, points_on, tangents
-from rfea_vision.vision.derive.elongation import angles, elongation_of
+from rfea_vision.vision.derive.elongation import angles, beside_kinks, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.picture_errors import PictureErrors
 from rfea_vision.vision.derive.rows import Rows
@@ -202,7 +202,9 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
     node_sigma = _node_sigma(line, nodes, node_noise, from_picture, view)
     half = block["width"] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
     length = numbers["length"]
-    curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
+    reach = int(np.ceil(view.half_mm * (rows.nodes - 1) / float(np.median(length))))
+    kinked = beside_kinks(view.half_mm * line.curvature, np.abs(line.curvature), reach)
+    curvature_sigma = np.hypot(np.sqrt(variance["bend2"]) / length[:, None] ** 2, kinked)
     width_noise = np.sqrt(view.inflation * block["width_variance"].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, variance["tip_slope"], length, view)
     elongation, elongation_noise, elongation_sigma, hinge = elongation_of(
