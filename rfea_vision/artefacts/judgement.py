@@ -126,6 +126,11 @@ class ModelFit(_Json):
     inputs: dict[str, str] = Field(default_factory=dict)
 
     @property
+    def refused(self) -> str:
+        """Why a fit was refused; empty where it was not."""
+        return self.message if self.status == "refused" else ""
+
+    @property
     def meets_no_run(self) -> bool:
         """Whether a tube that never moves from its mean would be nearer to every run."""
         fits = [run.normalised_fit_percent for run in self.experiments.values()]
@@ -243,18 +248,26 @@ class Floors(_Json):
 
 
 UNCERTAIN = "uncertain"
+#: Why a verdict is none to rest on, as clauses: over a floor that would hide what matters (files without a reason), of a refused fit.
+TRACK_UNCERTAIN, RAN_AWAY = "the track is too uncertain", "the fit ran away"
 
 
 def outcome_of(verdict: str, uncertain: bool) -> str:
-    """The verdict, or `UNCERTAIN` where a model is complete over a floor that would hide what matters: none to rest on."""
-    return UNCERTAIN if uncertain else verdict
+    """The verdict, or `UNCERTAIN` where nothing is named and it is none to rest on."""
+    return UNCERTAIN if uncertain and verdict != "missing" else verdict
 
 
 def verdict_in_words(verdict: str, asks_less: bool, uncertain: bool) -> str:
     """The verdict as people read it: of a model that is complete for its held-out runs alone, no more than that."""
     if uncertain:
-        return UNCERTAIN
+        return UNCERTAIN if verdict != "missing" else f"{verdict}, but {UNCERTAIN}"
     return f"{verdict} as far as the held-out runs ask" if asks_less else verdict
+
+
+def undecided(because: str) -> str:
+    """That nothing can be said, the reason first; without the end of the sentence."""
+    because = because or TRACK_UNCERTAIN
+    return f"{because[0].upper()}{because[1:]}: whether something is missing cannot be said"
 
 
 class Diagnosis(_Json):
@@ -272,7 +285,8 @@ class Diagnosis(_Json):
     sets: list[EffectSet] = Field(default_factory=list)
     sufficient: bool | None = None  # whether what is left once everything named is added is at the floor
     asks_less: bool = False  # whether `complete` holds for the held-out runs alone: training runs ask more, and are farther off
-    uncertain: bool = False  # whether `complete` says little: the error is at a floor that would hide what matters
+    uncertain: bool = False  # whether the verdict is none to rest on
+    uncertain_because: str = ""
     remainder: Remainder | None = None
     floors: Floors | None = None
     where: list[WorstPlace] = Field(default_factory=list)
@@ -313,6 +327,7 @@ class Rung(_Json):
     verdict: str
     asks_less: bool = False  # as in `Diagnosis`
     uncertain: bool = False
+    uncertain_because: str = ""
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
     probability: float | None = Field(default=None, ge=0, le=1)  # in the diagnosis below, which chose
     share: float | None = None  # gone with the rung's own fit, over the floor by which the rung is judged

@@ -15,7 +15,7 @@ from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
 if TYPE_CHECKING:
-    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
+    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, Rung
 
 #: Rivals of an effect that a table names.
 _RIVALS = 2
@@ -72,7 +72,7 @@ def diagnose_command(
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     elif up_to_date(work):
-        _say_after(diagnosis.outcome, campaign)
+        _say_after(diagnosis, campaign)
     else:
         print_diagnosis(diagnosis, campaign, work.out)
 
@@ -101,8 +101,8 @@ def improve_command(
         if not up_to_date(work):
             print_ladder(ladder)
             say(f"report: {report}")
-        last = ladder.rungs[-1].outcome if ladder.rungs else ""
-        if last in ("unexplained", "uncertain"):
+        last = ladder.rungs[-1] if ladder.rungs else None
+        if last is not None and last.outcome in ("unexplained", "uncertain"):
             _say_after(last, campaign)
         elif any(rung.tied for rung in ladder.rungs):
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
@@ -139,7 +139,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     if planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
-    _say_after(diagnosis.outcome, campaign)
+    _say_after(diagnosis, campaign)
 
 
 def _print_candidates(diagnosis: Diagnosis) -> None:
@@ -159,24 +159,29 @@ def _print_floors(diagnosis: Diagnosis) -> None:
     floors = diagnosis.floors
     if floors is None:
         return
-    known = {name: getattr(floors, name) for name in ("measurement", "irreproducible", "calibration")}
-    parts = [f"{name} {rounded(value)} {floors.unit}" for name, value in known.items() if value is not None]
+    known = {name: getattr(floors, name) for name in ("measurement", "irreproducible")}
+    whence = {"measurement": f" (from {floors.source})" if floors.source else ""}
+    parts = [f"{name} {rounded(value)} {floors.unit}{whence.get(name, '')}" for name, value in known.items() if value is not None]
     if parts:
-        source = f"; the first from {floors.source}" if floors.source and floors.measurement is not None else ""
-        say(f"noise floors, below which an error says nothing about the model: {', '.join(parts)}{source}")
+        say(f"noise floors, below which an error says nothing about the model: {', '.join(parts)}")
 
 
 def _percent(share: float | None) -> str | None:
     return None if share is None else f"{100 * share:z.0f} %"
 
 
-def _say_after(verdict: str, campaign: Path) -> None:
+def _say_after(judged: Diagnosis | Rung, campaign: Path) -> None:
     """Say the next command after a verdict, and what for."""
+    from rfea_vision.artefacts.judgement import RAN_AWAY, UNCERTAIN
+
+    verdict = judged.outcome
     if verdict == "missing":
         say_next("rfea improve", campaign, why="adds it, fits again, and judges what is left")
     elif verdict == "complete":
         say_next("rfea report", campaign, why="one page, offline")
-    elif verdict == "uncertain":
+    elif verdict == UNCERTAIN and judged.uncertain_because.startswith(RAN_AWAY):
+        say_next("rfea check", campaign, why="see what may be declared wrong; then fit again")
+    elif verdict == UNCERTAIN:
         say_next("rfea track", campaign, "--preview", why="draws the track over the film: better seen ends and a board lower the floor")
     else:
         say_next("rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own")

@@ -90,7 +90,7 @@ def _worst(
         along = _row_means(rows.T)
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
-        times = f", {rounded(rms / floor)} times the noise of the track" if floor else ""
+        times = f", {rounded(rms / floor)} times the noise floor" if floor else ""
         where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
         if low > 0.9:
             where = "at the tip" if unit == "mm" else "in the bend angle"

@@ -51,12 +51,14 @@ def judge(
     goes_with: Sequence[GoesWith] = (),
     scored: float | None = None,
     known: Sequence[Refit] = (),
+    refused: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at.
 
     `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has; `known` is what the
     search from a smaller model on the same chain has refitted: where it is met again, it is taken up and not begun anew.
+    `refused` is the message of a fit that was refused.
     """
     asked = options or CritiqueOptions()
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
@@ -77,7 +79,7 @@ def judge(
         problem, fitted, search.floor
     ):  # what needs no law is tried before any law
         trials.refit(search.present, (SEGMENTS,), {})
-    verdict = decide(search, search.run())
+    verdict = decide(search, search.run(), refused)
     following, pressure = None, None
     if verdict.rivals:
         following, pressure = design_next(
@@ -133,7 +135,8 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) 
         sets=sets_of(search, verdict.weighed),
         sufficient=verdict.sufficient,
         asks_less=verdict.asks_less,
-        uncertain=verdict.uncertain,
+        uncertain=bool(verdict.uncertain_because),
+        uncertain_because=verdict.uncertain_because,
         remainder=remainder_of(search, verdict, goes_with),
         floors=search.floors,
         noise_floor_mm=search.floor if in_mm else None,
@@ -189,7 +192,7 @@ def diagnose(
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
     judgement = judge(
         problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress,
-        scored=held_of(model),
+        scored=held_of(model), refused=model.refused,
     )  # fmt: skip
     said = [*worse_than_nothing(model.experiments), *judgement.diagnosis.warnings]
     return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure

@@ -50,7 +50,7 @@ def findings_of(
     key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
     if titles:
         missing = "" if any("(a stand-in:" in title for title in titles) else "Missing from the paper's model, and "
-        others = {"complete": f"{missing}added in this order", UNCERTAIN: "added, as far as so uncertain a track can say"}
+        others = {"complete": f"{missing}added in this order", UNCERTAIN: "added, and too uncertain to say whether more is missing"}
         lead = others.get(rungs[-1].outcome, "added so far, and not yet enough")
         lead = lead[0].upper() + lead[1:]
         out.append(f"{lead}: {'; '.join(titles)}.")

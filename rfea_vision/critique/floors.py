@@ -7,7 +7,7 @@ from scipy.fft import dct
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Floors
-from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.noise import LEFT_BY_A_MODEL, before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted
@@ -78,6 +78,13 @@ def floors_of(problem: Problem, fitted: Fitted) -> Floors:
 def binding(floors: Floors) -> float:
     """The floor that rules: no model is promised the noise of the measurement where the tube itself is not the same again."""
     return max(floors.measurement or 0.0, floors.irreproducible or 0.0)
+
+
+def left_by_a_model(floors: Floors, problem: Problem) -> bool:
+    """Whether the floor that rules is no more than what a model leaves, and no repeat has shown as much."""
+    repeated = any(item.repeat_of for item in problem.scored)
+    shown = (floors.irreproducible or 0.0) if repeated else 0.0
+    return floors.source == LEFT_BY_A_MODEL and shown < (floors.measurement or 0.0)
 
 
 def from_repeats(problem: Problem, fitted: Fitted) -> float | None:

@@ -194,6 +194,7 @@ class _Climb:
                 verdict=diagnosis.verdict,
                 asks_less=diagnosis.asks_less,
                 uncertain=diagnosis.uncertain,
+                uncertain_because=diagnosis.uncertain_because,
                 grade=self.last.grade,  # type: ignore[arg-type]
                 probability=self.last.probability,
                 share=gone,
@@ -320,6 +321,7 @@ def _judged(
         goes_with=goes_with(comparison),
         scored=held_of(model),
         known=climb.known,
+        refused=model.refused,
     )
     if on_rung is not None:
         on_rung(model, predictions, comparison, judgement.diagnosis, judgement.next_pressure)

@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from rfea_vision.artefacts.judgement import EffectSet, Remainder, Tie
+from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, EffectSet, Remainder, Tie, undecided
 from rfea_vision.artefacts.rows import GoesWith
+from rfea_vision.critique.floors import left_by_a_model
 from rfea_vision.critique.measures import MATTERS_SHARE, STRUCTURE_FLOORS, matters, motion
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
 from rfea_vision.critique.search import Search, Weighed
@@ -36,11 +37,14 @@ class Verdict:
     weighed: list[Weighed]
     stand_ins: tuple[str, ...] = ()
     asks_less: bool = False  # whether it is complete for the held-out runs alone: training runs ask more, and are farther off
-    uncertain: bool = False  # whether it is complete at a floor that would hide what matters
+    uncertain_because: str = ""  # why it is none to rest on; empty where it is
 
 
-def decide(search: Search, weighed: list[Weighed]) -> Verdict:
-    """Name what is likely to be there and matters; call it complete where nothing that could be seen matters; else unexplained."""
+def decide(search: Search, weighed: list[Weighed], refused: str = "") -> Verdict:
+    """Name what is likely to be there and matters; call it complete where nothing that could be seen matters; else unexplained.
+
+    `refused` is the message of a fit that was refused: nothing that is said of such a model is to be rested on.
+    """
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))
     # Where no effect is likely, neither alone nor with its ties, sets between which the odds do not decide may be so together.
@@ -70,19 +74,28 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     found = Verdict(
         verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed,
         () if left < small else stand_ins_of(search, weighed), verdict == "complete" and _asks_less(search),
-        verdict == "complete" and hides(search),
+        refused.removeprefix("Refused: ").partition(";")[0] or (TRACK_UNCERTAIN if verdict == "complete" and hides(search) else ""),
     )  # fmt: skip
-    words = {"missing": _missing, "complete": _uncertain if found.uncertain else _complete, "unexplained": _unexplained}[verdict]
-    return Verdict(**{**vars(found), "sentence": words(search, found)})
+    words = {"missing": _missing, "complete": _complete, "unexplained": _unexplained}[verdict](search, found)
+    if refused:
+        words = _of_refused(refused, words if likely else "")
+    elif found.uncertain_because:
+        words = _uncertain(search, found)
+    return Verdict(**{**vars(found), "sentence": words})
+
+
+def _passes(search: Search) -> float:
+    """Structure (mm, or deg) that passes for none: half a floor, and of a floor that is a model's own error all of it."""
+    return search.floor * (1.0 if left_by_a_model(search.floors, search.trials.problem) else STRUCTURE_FLOORS)
 
 
 def hides(search: Search) -> bool:
     """Whether the floor hides what would matter.
 
-    Structure below half a floor passes for none, and an effect matters from a tenth on: where that half is more than a tenth of the
-    motion, what passes for none may matter, and no error at the floor says that nothing is missing.
+    An effect matters from a tenth on: where what passes for none is more than a tenth of the motion, it may matter, and no error at
+    the floor says that nothing is missing.
     """
-    return STRUCTURE_FLOORS * search.floor > MATTERS_SHARE * motion(search.trials.problem)
+    return _passes(search) > MATTERS_SHARE * motion(search.trials.problem)
 
 
 def _asks_less(search: Search) -> bool:
@@ -155,7 +168,9 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]
     known = verdict.best is search.present
     held = search.held if known else verdict.best.errors.held
     told = rounded(held) if known else foreseen(held)
-    if verdict.sufficient:
+    if verdict.sufficient and verdict.uncertain_because:
+        sentence = ""  # to be at such a floor, or to be left so little by such a fit, tells nothing
+    elif verdict.sufficient:
         sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit})."
     else:
         runs = "held-out runs" if search.trials.problem.validate else "the training runs"
@@ -236,16 +251,27 @@ def _uncertain(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     return (
-        f"The track is too uncertain to say whether something is missing: the {which} is {rounded(search.held)} {unit}, the floor "
+        f"{undecided(found.uncertain_because)}; the {which} is {rounded(search.held)} {unit}, the floor "
         f"{rounded(search.floor)} {unit}, and {unseen(search)}"
     )
 
 
+def _of_refused(message: str, words: str) -> str:
+    """What is said of a fit that was refused, with its `message`: the reason first, and `words` where something is named."""
+    reason, _, remedy = message.removeprefix("Refused: ").partition("; ")
+    if words:
+        return f"{reason[:1].upper()}{reason[1:]}, so that this is uncertain: {words}"
+    return f"{undecided(reason)}. {remedy[:1].upper()}{remedy[1:]}"
+
+
 def unseen(search: Search) -> str:
     """What a large floor hides, as the end of a sentence."""
-    hidden, moved, unit = STRUCTURE_FLOORS * search.floor, motion(search.trials.problem), search.floors.unit
+    hidden, moved, unit = _passes(search), motion(search.trials.problem), search.floors.unit
     share = f"{100 * hidden / moved:.0f} % of the motion ({rounded(moved)} {unit}" if moved > 0 else f"more than the motion (0 {unit}"
-    much = f"what half of that hides, {rounded(hidden)} {unit}, is {share}, root mean square)"
+    half = "what half of that hides"
+    if left_by_a_model(search.floors, search.trials.problem):
+        half = "what all of that hides (it is what a model leaves of its worst run)"
+    much = f"{half}, {rounded(hidden)} {unit}, is {share}, root mean square)"
     return f"{much}, where {100 * MATTERS_SHARE:.0f} % would matter."
 
 

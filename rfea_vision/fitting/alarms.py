@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rfea_vision.artefacts.judgement import RAN_AWAY
 from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
 from rfea_vision.fitting.refit import Fitted, carried
@@ -80,7 +81,7 @@ def runaway(fitted: Fitted, actuator: Actuator) -> str:
         far = factor > RUNAWAY or (factor > 8 and par[6] > 2 * actuator.outer_radius)
         if name not in free or not far:
             continue
-        said = f"Refused: the fit ran away, {name} is {factor:.0f} times what a tube of this size has"
+        said = f"Refused: {RAN_AWAY}, {name} is {factor:.0f} times what a tube of this size has"
         if "r_hyd" in free and par[6] > actuator.outer_radius:
             lever = f"r_hyd is {par[6] * 1e3:.3g} mm; keep it within its usual bounds, or fix it (--fix r_hyd=3.6mm)"
             return f"{said} and {lever}."

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts.judgement import Parameter
+from rfea_vision.artefacts.judgement import RAN_AWAY, Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
 from rfea_vision.effects.base import BASE_UNITS
@@ -244,5 +244,5 @@ def _about_coarseness(
 
 def without_intervals(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
     """The same values with every interval refused."""
-    refused = {"stderr": None, "interval_95": None, "note": "the fit ran away: no interval"}
+    refused = {"stderr": None, "interval_95": None, "note": f"{RAN_AWAY}: no interval"}
     return {name: p if p.fixed else p.model_copy(update=refused) for name, p in parameters.items()}

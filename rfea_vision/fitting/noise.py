@@ -17,6 +17,8 @@ from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 
+#: Where a floor comes from that is no more than a model's own error: that a model is at such a floor says nothing of the model.
+LEFT_BY_A_MODEL = "what a model leaves of its worst run (the track's standard errors claim more)"
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
 _SEARCHED_S = [_STEP_S * k for k in sorted(range(-50, 51), key=abs)]
@@ -85,7 +87,7 @@ def noise_floor_mm(
     if high > min(claim, most):
         return high, "the track's own high frequencies (above the stated standard errors)"
     if most < claim:
-        return most, "what a model leaves of its worst run (the track's standard errors claim more)"
+        return most, LEFT_BY_A_MODEL
     return claim, "standard errors of the track"
 
 

@@ -66,6 +66,11 @@ class LadderStep:
         """The verdict, or that it is too uncertain."""
         return self.diagnosis.outcome if self.diagnosis else self.rung.outcome
 
+    @property
+    def uncertain_because(self) -> str:
+        """Why the verdict is none to rest on, as a clause; empty where nobody said."""
+        return self.diagnosis.uncertain_because if self.diagnosis else self.rung.uncertain_because
+
 
 @dataclass(frozen=True)
 class Evidence:

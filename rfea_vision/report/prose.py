@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from rfea_vision.artefacts.judgement import undecided
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, listing, number, with_unit
 from rfea_vision.report.series import with_rivals
@@ -111,8 +112,8 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         things = "; ".join(added)
         return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}."
     if step.outcome == "uncertain":
-        so_far = f": {listing(added)} {'was' if len(added) == 1 else 'were'} added{finer}, and more may be" if added else ""
-        return f"The track is too uncertain to say whether something is missing{so_far}."
+        so_far = f"; {listing(added)} {'was' if len(added) == 1 else 'were'} added{finer}, and more may be" if added else ""
+        return f"{undecided(step.uncertain_because)}{so_far}."
     if step.outcome == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
         so_far += finer.replace(" and", " with", 1)
@@ -123,7 +124,10 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         return f"Something is missing that no effect in the catalogue explains{so_far}{_shows(step)}{helped}."
     told = [(effect, diagnosis.rivals_of(effect)) for effect in diagnosis.named] if diagnosis else []
     named = [_inner(_or(effect, rivals, titles)) for effect, rivals in told]
-    return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
+    lacks = f"lacks something: {'; '.join(named)}." if named else "lacks an effect."
+    if step.uncertain_because:
+        return f"{step.uncertain_because[0].upper()}{step.uncertain_because[1:]}: uncertain as that is, the model still {lacks}"
+    return f"The model still {lacks}"
 
 
 def _as_far(step: LadderStep, evidence: Evidence) -> str:
@@ -251,7 +255,8 @@ def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
-def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, finer: bool, asks_less: bool = False) -> Tile:
+def _missing(added: Sequence[str], step: LadderStep | None, stand_ins: str, finer: bool) -> Tile:
+    verdict, where, asks_less = (step.outcome, _shows(step), step.asks_less) if step else ("", "", False)
     note = "added to the model of the paper" if added else "nothing had to be added"
     note += " but segments" * (finer and not added)
     note += ", as far as the held-out runs ask" * asks_less
@@ -260,9 +265,9 @@ def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, fin
         helped = f"; {stand_ins} added for the prediction" if stand_ins else ""
         note = f"see the error along the tube{where}; rfea propose reads a law for it from the residual torque{helped}"
         return Tile("Missing physics", value, note=note, section="where")
-    if verdict == "uncertain":
+    if step and verdict == "uncertain":
         value = "; ".join([*added, "perhaps more"]) if added else "Cannot be said"
-        return Tile("Missing physics", value, note="the track is too uncertain to say whether something is missing", section="trust")
+        return Tile("Missing physics", value, note=undecided(step.uncertain_because), section="trust")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
     value = "; ".join(added) if len(added) < 3 else f"{len(added)} effects"  # more would push the picture down; the headline has them
@@ -284,8 +289,7 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     if ladder and climbed:
         added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]
         finer = bool(_finer(evidence, titles))
-        verdict, where, asks_less = (step.outcome, _shows(step), step.asks_less) if step else ("", "", False)
-        yield _missing(added, verdict, where, _stand_ins(evidence), finer, asks_less)
+        yield _missing(added, step, _stand_ins(evidence), finer)
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""

@@ -76,6 +76,7 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, D
         verdict=diagnosis.verdict,
         asks_less=diagnosis.asks_less,
         uncertain=diagnosis.uncertain,
+        uncertain_because=diagnosis.uncertain_because,
         grade=None if added is None else "named" if added in before.named else "stand-in",
         probability=candidate.probability if candidate else None,
         share=candidate.share if candidate else None,

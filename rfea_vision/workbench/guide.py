@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from rfea_vision.artefacts.judgement import RAN_AWAY, undecided
 from rfea_vision.units import counted
 
 #: Share of refused frames from which the films come before the model.
@@ -116,8 +117,10 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
         words = f": {', '.join(filter(None, titles)).lower()}" if any(titles) else ""
         say, label = f"{name} lacks {' and '.join(lacking)}{words}.", f"Add {' and '.join(lacking)} and watch"
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
-    if last.get("uncertain"):
-        say = "The track is too uncertain to say whether something is missing: a board, and ends that are seen clear, lower its floor."
+    if last.get("uncertain") and last["verdict"] != "missing":
+        because = last.get("uncertain_because", "")
+        remedy = "" if because.startswith(RAN_AWAY) else ". A board, and ends that are seen clear, lower its floor"
+        say = f"{undecided(because)}{remedy}."
         return _step("add", say, "") | {"file": report} if report is not None else _step("add", say, "Write the report", "report")
     if last["verdict"] == "complete":
         say = f"Nothing that matters is missing{' as far as the held-out runs ask' if last.get('asks_less') else ''}"

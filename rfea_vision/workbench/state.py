@@ -166,6 +166,7 @@ def _models(out: Path) -> list[dict[str, Any]]:
             "name": file.parent.name, "effects": fit.get("effects", []),
                 "segments": fit.get("segments", SEGMENTS), "verdict": diagnosis.get("verdict"),
             "asks_less": diagnosis.get("asks_less", False), "uncertain": diagnosis.get("uncertain", False),
+            "uncertain_because": diagnosis.get("uncertain_because", ""),
             "named": diagnosis.get("named", []), "candidates": diagnosis.get("candidates", []),
             "held_out": _held_out(fit),
         })  # fmt: skip

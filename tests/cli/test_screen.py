@@ -7,7 +7,7 @@ import rich.console
 from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
-from rfea_vision.artefacts.judgement import Remainder, WorstPlace
+from rfea_vision.artefacts.judgement import Floors, Remainder, WorstPlace
 from rfea_vision.cli import batch, console, model
 from rfea_vision.distributed.tasks import BatchResult, told_of
 from rfea_vision.stages.products import describe_rung
@@ -168,3 +168,15 @@ def test_a_batch_tells_ties_too(capsys):
     rung = Rung(model="base+drag", added="drag", tied=["payload", "com_offset"], verdict="complete", **figures)
     batch._print_batch([BatchResult("tube", "done", {}, [told_of(rung)], None)])
     assert "tube: drag cannot be told from payload or com_offset by its data" in capsys.readouterr().out
+
+
+def test_a_refused_fit_is_followed_by_a_look_at_what_was_declared_and_no_calibration_is_made_up(capsys, tmp_path):
+    """Two ten-thousandths of the length were printed as the calibration's error, of a track whose own said seventy times as much."""
+    floors = Floors(measurement=3.4, calibration=0.0136, source="standard errors of the track")
+    because = "the fit ran away, b_neg_ref is 50 times what a tube of this size has"
+    away = Diagnosis(model="base", verdict="complete", uncertain=True, uncertain_because=because, floors=floors)
+    model.print_diagnosis(away, tmp_path, tmp_path)
+    said = capsys.readouterr()
+    said = said.out + said.err
+    assert "base: uncertain" in said and "next: rfea check" in said and "calibration" not in said
+    assert "measurement 3.40 mm (from standard errors of the track)" in said

@@ -118,7 +118,7 @@ def test_what_was_dropped_again_is_not_told_as_added():
     [
         ("complete", "named", "Missing from the paper's model, and added in this order: "),
         ("complete", "stand-in", "Added in this order: "),
-        ("uncertain", "named", "Added, as far as so uncertain a track can say: "),
+        ("uncertain", "named", "Added, and too uncertain to say whether more is missing: "),
         ("missing", "named", "Added so far, and not yet enough: "),
         ("unexplained", "stand-in", "Added so far, and not yet enough: "),
     ],

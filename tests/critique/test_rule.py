@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit
-from rfea_vision.artefacts.judgement import outcome_of
+from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, outcome_of, verdict_in_words
 from rfea_vision.critique.evidence import to_rule_out
+from rfea_vision.critique.floors import left_by_a_model
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.verdict import _asks_less, _complete, _likely, _unexplained, decide, remainder_of
 from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.fitting.noise import LEFT_BY_A_MODEL
 from rfea_vision.stages.products import rung_of
 from testing.claims import brier, calibration_error, claims
 
@@ -240,19 +242,77 @@ def test_the_torque_that_a_model_lacks_is_not_told_of_what_a_better_one_leaves()
 def test_a_model_is_complete_only_where_what_matters_could_be_seen(monkeypatch, error, floor, verdict):
     """A leg's tip moved by 33 mm over a floor of 16: nothing that matters was missing, at an error of a fifth of its length."""
     tip = 33.0 * np.array([[1.0, 0.0], [-1.0, 0.0]])
-    still = SimpleNamespace(name="hold", has_tip=True, tip_or_angle=0 * tip)
-    run = SimpleNamespace(name="steps", has_tip=True, tip_or_angle=tip)
+    still = SimpleNamespace(name="hold", has_tip=True, tip_or_angle=0 * tip, repeat_of=None)
+    run = SimpleNamespace(name="steps", has_tip=True, tip_or_angle=tip, repeat_of=None)
     search: Any = object.__new__(Search)
     search.rule, search.effects, search.floors, search.floor = RULE, (), SimpleNamespace(unit="mm", calibration=0.0), floor
     search.present, search.scored = SimpleNamespace(errors=_errors(error)), None
     search.trials = SimpleNamespace(problem=SimpleNamespace(train=[run], validate=[still]))
     nothing: Any = Weighed(search.present, (), 0.0, 0.97, 0.0)
+    search.floors.source, search.floors.irreproducible, search.floors.measurement = "", None, floor
+    search.trials.problem.scored = [run, still]
     found = decide(search, [nothing])
-    assert outcome_of(found.verdict, found.uncertain) == verdict
+    assert outcome_of(found.verdict, bool(found.uncertain_because)) == verdict
     assert found.verdict in get_args(Diagnosis.model_fields["verdict"].annotation)
     if verdict == "uncertain":
-        assert found.sentence.startswith("The track is too uncertain to say whether something is missing: the held-out error is")
+        said = "The track is too uncertain: whether something is missing cannot be said"
+        assert found.sentence.startswith(f"{said}; the held-out error is")
         assert "what half of that hides, 8.05 mm, is 24 % of the motion (33 mm" in found.sentence.replace("33.0", "33")
+
+
+def _at_floor(monkeypatch, error, floor, source, named=()):
+    """A search of a tip that moves by 33 mm, at such an error and floor; and its rows, of which the first holds what is named."""
+    tip = 33.0 * np.array([[1.0, 0.0], [-1.0, 0.0]])
+    run = SimpleNamespace(name="steps", has_tip=True, tip_or_angle=tip, repeat_of=None)
+    search: Any = object.__new__(Search)
+    search.rule, search.effects, search.floor, search.scored = RULE, find_effects(["maxwell"]), floor, None
+    search.floors = SimpleNamespace(unit="mm", calibration=0.0, source=source, measurement=floor, irreproducible=None)
+    search.present = SimpleNamespace(errors=_errors(error))
+    search.trials = SimpleNamespace(problem=SimpleNamespace(train=[run], validate=[run], scored=[run]))
+    monkeypatch.setattr(Search, "matters", lambda *_: True)
+    monkeypatch.setattr(Search, "without", lambda *_: None)
+    better = SimpleNamespace(errors=_errors(0.1 * error))
+    rows: list[Any] = [Weighed(search.present, (), 0.0, 0.03 if named else 0.97, 0.0)]
+    return search, [Weighed(better, named, 3.0, 0.97, 0.9), *rows] if named else rows
+
+
+@pytest.mark.parametrize(("error", "floor"), [(3.2, 3.4), (40.0, 3.4)])
+def test_of_a_fit_that_was_refused_nothing_is_said(monkeypatch, error, floor):
+    """A fit had run away, b_neg_ref to fifty times what such a tube has, and was called complete."""
+    message = "Refused: the fit ran away, b_neg_ref is 50 times what a tube of this size has; is the body a tube?"
+    search, rows = _at_floor(monkeypatch, error, floor, "standard errors of the track")
+    monkeypatch.setattr("rfea_vision.critique.verdict.stand_ins_of", lambda *_: ())
+    found = decide(search, rows, message)
+    assert outcome_of(found.verdict, bool(found.uncertain_because)) == "uncertain"
+    reason = "the fit ran away, b_neg_ref is 50 times what a tube of this size has"
+    assert found.uncertain_because == reason
+    assert found.sentence == f"T{reason[1:]}: whether something is missing cannot be said. Is the body a tube?"
+    assert decide(search, rows).verdict == found.verdict and not decide(search, rows).uncertain_because
+
+
+def test_what_is_named_over_a_refused_fit_stays_named_and_the_reason_comes_first(monkeypatch):
+    search, rows = _at_floor(monkeypatch, 9.0, 0.1, "standard errors of the track", ("maxwell",))
+    found = decide(search, rows, "Refused: the fit ran away, b_neg_ref is 50 times what a tube has; is it one?")
+    assert (found.verdict, found.named) == ("missing", ("maxwell",)) and found.uncertain_because
+    assert outcome_of(found.verdict, True) == "missing" and verdict_in_words("missing", False, True) == "missing, but uncertain"
+    assert found.sentence.startswith("The fit ran away, b_neg_ref") and "so that this is uncertain: Visco-elastic" in found.sentence
+
+
+def test_all_of_a_floor_that_is_a_models_own_error_hides_what_may_matter(monkeypatch):
+    """A model was complete at a floor of 5 mm, its own error, of a tip that moved by 33 mm: half of that is less than a tenth."""
+    for source, because in ((LEFT_BY_A_MODEL, TRACK_UNCERTAIN), ("standard errors of the track", "")):
+        search, rows = _at_floor(monkeypatch, 5.0, 5.0, source)
+        found = decide(search, rows)
+        assert (found.verdict, found.uncertain_because) == ("complete", because)
+        hidden = "what all of that hides (it is what a model leaves of its worst run), 5.00 mm, is 15 % of"
+        assert (hidden in found.sentence) == bool(because)
+    search, rows = _at_floor(monkeypatch, 0.0065, 0.0065, LEFT_BY_A_MODEL)  # the example: nothing beside its motion
+    assert decide(search, rows).sentence.startswith("Nothing is missing that matters")
+    repeated = SimpleNamespace(scored=[SimpleNamespace(repeat_of="steps")])
+    floors: Any = SimpleNamespace(source=LEFT_BY_A_MODEL, measurement=5.0, irreproducible=5.1)
+    assert not left_by_a_model(floors, repeated)  # a repeat has shown as much
+    floors.irreproducible = 0.1
+    assert left_by_a_model(floors, repeated)
 
 
 def test_a_complete_model_that_its_training_runs_belie_says_so():

@@ -261,9 +261,32 @@ def test_a_track_that_cannot_tell_is_not_called_complete(copy: Path) -> None:
         file.write_text(json.dumps(told))
     html = page_of(copy)
     headline = words(re.search(r"<h1>(.*?)</h1>", html)[1])
-    assert headline.startswith("The track is too uncertain to say whether something is missing: ") and "lacked" not in headline
-    assert "track too uncertain to say" in words(html.split('id="ladder"')[1])
+    assert headline.startswith("The track is too uncertain: whether something is missing cannot be said; ") and "lacked" not in headline
+    assert "too uncertain to say" in words(html.split('id="ladder"')[1])
     assert "perhaps more" in words(html.split("Missing physics")[1].split("Tip error")[0])
+
+
+def test_a_refused_fit_gives_its_reason_before_anything_else(copy: Path) -> None:
+    """A fit had run away, and the headline said that nothing that matters was missing."""
+    because = "the fit ran away, b_neg_ref is 50 times what a tube of this size has"
+    for verdict in ("complete", "missing"):
+        for file in (copy / "models" / RUNGS[-1] / "diagnosis.json", copy / "ladder.json"):
+            told = json.loads(file.read_text())
+            at = told["rungs"][-1] if "rungs" in told else told
+            at.update(uncertain=True, uncertain_because=because, verdict=verdict)
+            file.write_text(json.dumps(told))
+        headline = words(re.search(r"<h1>(.*?)</h1>", page_of(copy))[1])
+        assert headline.startswith(f"T{because[1:]}: ") and "lacked" not in headline
+        assert ("the model still lacks" in headline) == (verdict == "missing")
+
+
+def test_where_nothing_stands_out_the_page_says_from_which_floor(copy: Path) -> None:
+    """A floor that was the fit's own error hid every stretch, while the diagnosis, by a lower one, named what is missing."""
+    comparison, model = (copy / "models" / RUNGS[0] / name for name in ("comparison.json", "model.json"))
+    comparison.write_text(json.dumps(json.loads(comparison.read_text()) | {"where": []}))
+    source = "what a model leaves of its worst run"
+    model.write_text(json.dumps(json.loads(model.read_text()) | {"noise_floor_mm": 10.6, "noise_floor_source": source}))
+    assert f"No stretch of any run stands out from the noise floor of this fit, 10.6 mm: {source}." in words(page_of(copy))
 
 
 def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:

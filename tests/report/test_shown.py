@@ -96,7 +96,8 @@ def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
 
 
 def test_of_more_than_two_effects_the_headline_alone_has_the_names() -> None:
-    two, three = (_missing(names, "complete", "", "", False) for names in (["a", "b"], ["a", "b", "c"]))
+    step: Any = SimpleNamespace(outcome="complete", asks_less=False, comparison=None)
+    two, three = (_missing(names, step, "", False) for names in (["a", "b"], ["a", "b", "c"]))
     assert two.value == "a; b" and three.value == "3 effects"
 
 

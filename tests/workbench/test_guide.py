@@ -71,7 +71,9 @@ def test_a_report_that_is_written_is_said_with_its_place():
 
 def test_where_no_law_is_found_either_there_is_a_way_on():
     unsure = next_step([run()], [model(verdict="complete", uncertain=True)])
-    assert "too uncertain to say" in unsure["say"] and unsure["do"] == "report"
+    assert "too uncertain: whether something is missing cannot be said. A board" in unsure["say"] and unsure["do"] == "report"
+    away = next_step([run()], [model(verdict="complete", uncertain=True, uncertain_because="the fit ran away, k_ref is large")])
+    assert away["say"] == "The fit ran away, k_ref is large: whether something is missing cannot be said."
     step = next_step([run()], [model(verdict="unexplained")])
     assert step["do"] == "propose" and step["otherwise"]["do"] == "report"
     written = next_step([run()], [model(verdict="unexplained")], "rfea/report/index.html")

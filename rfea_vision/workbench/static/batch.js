@@ -4,7 +4,7 @@ import {h, one} from "./dom.js";
 import {here} from "./server.js";
 import {guarded, order, standing} from "./main.js";
 
-const verdicts = {complete: "complete", missing: "something is missing", uncertain: "track too uncertain to say", unexplained: "unexplained"};
+const verdicts = {complete: "complete", missing: "something is missing", uncertain: "too uncertain to say", unexplained: "unexplained"};
 const running = new Map(); // folder -> what is said of it while a batch runs
 
 export function build() {
@@ -35,7 +35,7 @@ async function showCampaigns() {
   one("#batch tbody").replaceChildren(...said.campaigns.map(c => {
     const last = c.models.at(-1), done = c.measured.filter(Boolean).length;
     return h("tr", {class: c.index === here ? "on" : "", data: {campaign: c.index}}, h("th", {scope: "row"}, h("a", {href: `../${c.index}/`}, c.name), h("br"), h("small", {class: "muted"}, c.folder)),
-      h("td", {class: "whole"}, cured(c.models)), h("td", {}, last ? `${verdicts[last.uncertain ? "uncertain" : last.verdict] ?? "not asked"}${last.asks_less && !last.uncertain ? " as far as the held-out runs ask" : ""}` : "–"), h("td", {}, last?.effects.join(", ").replaceAll("_", " ") || "–"), h("td", {}, c.problems.length ? h("span", {class: "worse"}, c.problems[0]) : `${done} of ${c.measured.length} runs`), h("td", {class: "muted"}, c.next.label ?? ""), h("td", {class: "muted"}, running.get(c.folder) ?? ""));
+      h("td", {class: "whole"}, cured(c.models)), h("td", {}, last ? `${verdicts[last.uncertain && last.verdict !== "missing" ? "uncertain" : last.verdict] ?? "not asked"}${last.asks_less && !last.uncertain ? " as far as the held-out runs ask" : ""}` : "–"), h("td", {}, last?.effects.join(", ").replaceAll("_", " ") || "–"), h("td", {}, c.problems.length ? h("span", {class: "worse"}, c.problems[0]) : `${done} of ${c.measured.length} runs`), h("td", {class: "muted"}, c.next.label ?? ""), h("td", {class: "muted"}, running.get(c.folder) ?? ""));
   }));
 }
 export function hear(event) {
