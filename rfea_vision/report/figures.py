@@ -28,7 +28,8 @@ FIGURES = {
         Figure(
             "error",
             "Tip error",
-            "Distance between measured and modelled tip, with the noise floor dashed and the worst moments shaded. Red marks "
+            "Distance between measured and modelled tip, with the noise floor dashed; shaded are the worst stretches, in which the "
+            "whole tube counts where it was fitted. Red marks "
             "frames set aside; the line breaks where the track jumps and the fit left it out. Drag to move in time, click near "
             "a peak to jump to it.",
             "Tip error over time; click a peak to jump to it",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rfea_vision.report import render
+from rfea_vision.report.collect import collect
 from rfea_vision.report.page import static
+from rfea_vision.report.shown import error_over_time
 from testing.readable import FAINT_TEXT
 from testing.report.browser import VISIT_ALL, Browser
 
@@ -64,6 +68,26 @@ def test_loads_without_complaint_or_request(opened: Browser) -> None:
     assert opened.complaints == []
     asked = [r.split("#")[0] for r in opened.requests if not r.startswith(("blob:", "data:"))]
     assert asked == [opened.run("location.href.split('#')[0]")]
+
+
+def test_opens_where_the_error_of_the_first_rung_is_largest(opened: Browser, sample: Path, tmp_path: Path) -> None:
+    """It had opened in the stretch in which the whole tube is farthest off, and at the start of the film where none stands out."""
+    folder = Path(shutil.copytree(sample, tmp_path / "rfea"))
+    first = next(iter(collect(folder).steps)).rung.model
+    told = folder / "models" / first / "comparison.json"
+    told.write_text(json.dumps(json.loads(told.read_text()) | {"where": []}))
+    page = folder / "report" / "index.html"
+    page.write_text(render(folder, title="tube-A"), encoding="utf-8")
+    opened.open(page)
+    evidence = collect(folder)
+    chosen = [run.name for run in evidence.experiments if run.role != "test"]
+    off = {name: error_over_time(evidence.steps[0].predictions[name]) for name in chosen}
+    errors = {name: (evidence.steps[0].predictions[name]["time"].values, found[0]) for name, found in off.items() if found}
+    worst = max(errors, key=lambda name: np.nanmax(errors[name][1]))
+    time, error = errors[worst]
+    assert opened.run("document.querySelector('[data-experiment][aria-selected=true]').textContent").startswith(worst)
+    shown = error[np.abs(time - opened.run(CLOCK)).argmin()]
+    assert shown == pytest.approx(np.nanmax(error), rel=0.02)  # the page may hold fewer samples
 
 
 def test_every_figure_is_painted(opened: Browser) -> None:

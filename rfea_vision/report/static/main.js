@@ -48,9 +48,9 @@ async function start() {
   showRung();
   // Begin where the first rung fails most: that is what the page is about.
   if (recallPlace()) { document.documentElement.dataset.ready = "yes"; return; }
-  const worst = manifest.rungs[0]?.worst[0], index = manifest.experiments.findIndex(e => e.name === worst?.experiment);
-  chooseExperiment(Math.max(0, index));
-  if (index >= 0) jumpToPeak(worst.from_s, worst.to_s); else if (experiment()?.span) setTime(experiment().span[0]);
+  const [index, time] = worstMoment();
+  chooseExperiment(index);
+  if (experiment()?.span) setTime(time ?? experiment().span[0]);
   document.documentElement.dataset.ready = "yes";
 }
 start();

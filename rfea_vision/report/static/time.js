@@ -95,6 +95,17 @@ function jumpToPeak(from, to) {
   setTime(times[best]);
 }
 
+// Run and time of the largest error of the first rung, on runs that choose where there are any.
+function worstMoment() {
+  const chosen = manifest.experiments.filter(e => e.role !== "test");
+  let at = [0, null], most = -Infinity;
+  for (const e of chosen.length ? chosen : manifest.experiments) {
+    const error = errorOf(manifest.rungs[0]?.experiments[e.name]), times = series(e.t);
+    if (error && times) error.forEach((value, i) => { if (value > most) { most = value; at = [manifest.experiments.indexOf(e), times[i]]; } });
+  }
+  return at;
+}
+
 function setTime(time) {
   const [low, high] = experiment()?.span ?? [0, 1];
   state.time = Math.min(high, Math.max(low, time));
