@@ -62,6 +62,14 @@ def repeat_notes(repeats: int, frames: int) -> list[str]:
     return [f"at least {repeats} frames show the picture before once more, and were left out"]
 
 
+def slow_note(away_s: float) -> str:
+    """What is said of offsets so far apart (s) of which none can be told from the others."""
+    return (
+        f"the pressure changes too slowly to tell offsets within {away_s:.2f} s apart: the fit is left to find the best of "
+        "them; begin the run with a step, or use sync.method led, trigger or offset"
+    )
+
+
 def repetition(
     offsets: FloatArray, shares: FloatArray, own: FloatArray, *, slowest_s: float, experiment: str
 ) -> tuple[str, float]:
@@ -91,11 +99,7 @@ def repetition(
     as_good = rivals[covered[rivals] > 0.97 * covered[best]]
     away_s = float(np.max(np.abs(offsets[as_good] - offsets[best]), initial=0.0))
     if 0 < away_s < slowest_s:
-        note = (
-            f"the pressure changes too slowly to tell offsets within {away_s:.2f} s apart: the fit is left to find the best of "
-            "them; begin the run with a step, or use sync.method led, trigger or offset"
-        )
-        return note, away_s / float(np.sqrt(2))
+        return slow_note(away_s), away_s / float(np.sqrt(2))
     if len(as_good):
         nearest = as_good[np.argmin(np.abs(offsets[as_good] - offsets[best]))]
         raise DataError(

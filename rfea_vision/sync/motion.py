@@ -4,7 +4,7 @@ Inverse dynamics as a regression: whatever its parameters are, the tube's equati
 shape, velocity and acceleration at the same instant (`rfea_vision.sync.sections`). The offset is where this explains
 most of the logged pressure. Stiffness, damping and inertia are free coefficients, so the tube's own delay is left to
 the model that is fitted later. Both sides pass the same zero-phase filter. What the regression cannot tell from an
-offset is a line that delays the pressure itself.
+offset is a line that delays the pressure itself. A pressure so slow that this leaves nothing of it is for `rfea_vision.sync.slow`.
 
 Where the tube's law lacks something that the data show, a term of `sections.SUPPLEMENTS` is added. The regression
 itself, with the noise of its terms and its errors, is `rfea_vision.sync.regression`.
@@ -12,24 +12,17 @@ itself, with the noise of its terms and its errors, is `rfea_vision.sync.regress
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
-from rfea_vision.sync.ambiguity import (
-    check_direction,
-    gaps_of,
-    log_notes,
-    outside_gaps,
-    repeat_notes,
-    repetition,
-    short_log,
-)
+from rfea_vision.sync.alignment import Alignment
+from rfea_vision.sync.ambiguity import check_direction, log_notes, repeat_notes, repetition, short_log
+from rfea_vision.sync.filters import LOW_HZ, FilteredMotion, Target, without_slow
 from rfea_vision.sync.regression import (
     DRIFT,
     FIRST_TERM,
@@ -42,60 +35,19 @@ from rfea_vision.sync.regression import (
     standard_error,
     with_possible_noise,
 )
-from rfea_vision.sync.sections import (
-    ANGLE_INERTIA,
-    ANGLE_STIFFNESS,
-    SUPPLEMENTS,
-    ObservedMotion,
-    motion_of,
-    noise_covariance,
-    supplements,
-    terms,
-)
+from rfea_vision.sync.sections import ANGLE_INERTIA, ANGLE_STIFFNESS, SUPPLEMENTS, motion_of
+from rfea_vision.sync.slow import align_by_bend, is_slow
 
-LOW_HZ, HIGH_HZ = 0.8, 8.0  # creep and drift lie below, and above the noise of accelerations grows
 COARSE_S = 0.006  # a twentieth of the shortest period of the band
 LEAST_OVERLAP_S, LEAST_FRAMES = 1.0, 60  # a period of LOW_HZ, nearly
 HIGHEST_OF_LOG_RATE = 0.15  # of the log's rate: a third of what it can show
 BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard error
-FILTER_REACH_S = 0.15  # at which the low-pass at HIGH_HZ has died away
 LEAST_SWING_DEG = 1.0  # less is hardly told from noise
 SLOWEST_RAD_S = 10.0  # first mode of a slow tube, where the angle alone does not tell it
-#: 12,000 samples tell a variance to 1 %.
-MOST_REPLICATES, REPLICATED_SAMPLES = 8, 12_000
 ONE_ANGLE = "tip or angle alone do not show the tube's shape: the bend's own delay along the tube is within the error"
 COUNTED_DRIFT = "drift taken into account"
 REMARKS = frozenset({ONE_ANGLE, COUNTED_DRIFT})  # what a person need do nothing about
-QUIET_S = 0.12  # of a stretch in which noise just above the band is measured
 LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Log clock minus camera clock, and how sure that is.
-
-    `explained` is the share of the pressure that the motion explains, `curve` that share over offsets (offset_s, share), of
-    `align_by_motion` alone; without arguments a clock that is known.
-    """
-
-    offset_s: float
-    offset_stderr_s: float = 0.0
-    drift_ppm: float = 0.0
-    drift_stderr_ppm: float = 0.0
-    explained: float = 1.0
-    curve: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty(0))
-    note: str = ""
-
-    @property
-    def attributes(self) -> dict[str, float]:
-        """What a recording says of it."""
-        return {
-            "offset_s": self.offset_s,
-            "offset_stderr_s": self.offset_stderr_s,
-            "drift_ppm": self.drift_ppm,
-            "drift_stderr_ppm": self.drift_stderr_ppm,
-            "sync_explained": self.explained,
-        }
 
 
 def align_by_motion(
@@ -132,152 +84,47 @@ def align_by_motion(
     log_rate = 1.0 / float(np.median(np.diff(log_time_s)))
     seen = FilteredMotion.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
-    offsets, shares, own = search(seen, target)
-    best = int(np.argmax(shares))
-    if shares[best] < LEAST_EXPLAINED:
-        told = f"the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset"
+    if is_slow(seen, target):
+        found = align_by_bend(seen, target, experiment=experiment, bends=bends)
+    else:
+        found = align_by_law(seen, target, experiment=experiment)
+    if found.explained < LEAST_EXPLAINED:
+        told = f"the motion explains only {100 * max(found.explained, 0.0):.0f} % of the pressure at any offset"
         why = "check that video and log belong together"
-        if shares[best] == 0.0:
+        if found.explained == 0.0:
             told = f"at any offset too few of {len(time)} tracked frames lie within the log, beside gaps and what is lost at the ends"
             why = "record longer, or at a higher rate"
         raise DataError(f"{experiment}: sync: {told}; {short_log(time, log_time_s, LEAST_EXPLAINED) or why}, or use sync.method offset")
-    repeats, doubt_s = repetition(offsets, shares, own, slowest_s=1 / LOW_HZ, experiment=experiment)
-    found = refine(seen, target, float(offsets[best]), (offsets, shares))
     shifted = time * (1 + 1e-6 * found.drift_ppm) + found.offset_s
     within = (shifted > log_time_s[0]) & (shifted < log_time_s[-1])
     pressed = np.interp(shifted[within], log_time_s, pressure_kPa)
     check_direction(motion.bend_rad[within], pressed, experiment=experiment, bends=bends)
     # A slow log knows the pressure between its samples by a line only.
-    error = float(np.linalg.norm([found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2, doubt_s]))
+    error = float(np.hypot(found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2))
     notes = [
         *log_notes(log_time_s, target.gaps),
         *repeat_notes(motion.repeats, len(time)),
-        *([repeats] if repeats else []),
         *([found.note] if found.note else []),
     ]
     return replace(found, offset_stderr_s=error, note="; ".join(notes))
 
 
-@dataclass(frozen=True)
-class FilteredMotion:
-    """The motion on an even grid: times (n,), amplitudes (n, m) raw, `solid` where frames are near, band-passed terms."""
+def align_by_law(seen: FilteredMotion, target: Target, *, experiment: str) -> Alignment:
+    """The offset at which the tube's law explains most of the pressure within the band; `explained` is small where it does not.
 
-    motion: ObservedMotion
-    grid: FloatArray
-    raw: FloatArray
-    solid: NDArray[np.bool_]
-    rate: float
-    high: float
-    terms: FloatArray
-
-    @staticmethod
-    def of(motion: ObservedMotion, highest_Hz: float = np.inf) -> FilteredMotion:
-        """Resample, smooth, and form the terms; `highest_Hz` is what the log can follow."""
-        time = motion.time_s
-        rate = 1.0 / float(np.median(np.diff(time)))
-        high = max(min(HIGH_HZ, 0.15 * rate, highest_Hz), 2 * LOW_HZ)
-        grid = np.arange(time[0], time[-1], 1.0 / rate)
-        raw = np.column_stack([np.interp(grid, time, column) for column in motion.amplitudes.T])
-        solid = np.ones(len(grid), dtype=bool)
-        gap = np.diff(time) > max(2.5 / rate, 0.12 / high)
-        for begin, end in zip(time[:-1][gap], time[1:][gap], strict=True):
-            solid &= (grid < begin - 0.3 / high) | (grid > end + 0.3 / high)
-        edge = round(min(0.08 * len(grid), 0.12 * rate))
-        solid[:edge] = solid[len(grid) - edge :] = False
-        smooth = gauss(raw, rate, 2 * high)
-        formed = np.stack([band(section, rate, high) for section in terms(motion, smooth, rate)])
-        return FilteredMotion(motion, grid, raw, solid, rate, high, formed)
-
-    def columns(self, raw: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
-        """Terms and supplements (sections, samples of `use`, terms), without their slow part within `use`."""
-        smooth = gauss(raw, self.rate, 2 * self.high)
-        every = np.concatenate(
-            [terms(self.motion, smooth, self.rate), supplements(self.motion, smooth, self.rate)], axis=2
-        )
-        return np.stack([without_slow(gauss(section, self.rate, self.high), use, self.rate) for section in every])
-
-    def noises(self, use: NDArray[np.bool_], own: FloatArray) -> FloatArray:
-        """What the track's own noise, once more added, changes in the columns: (2, R, sections, n, terms).
-
-        First with the noise of the highest frequencies, then with that just above the compared band: in a film, noise
-        lasts over frames, and is stronger there.
-        """
-        generator = np.random.default_rng(0)
-        count = int(np.clip(REPLICATED_SAMPLES / len(self.grid), 2, MOST_REPLICATES))
-        found = []
-        for covariance in (noise_covariance(self.raw), self.noise_above_band()):
-            values, vectors = np.linalg.eigh(covariance)
-            spread = vectors * np.sqrt(np.maximum(values, 0))
-            drawn = (generator.normal(size=self.raw.shape) @ spread.T for _ in range(count))
-            found.append(np.stack([self.columns(self.raw + noise, use) - own for noise in drawn]))
-        return np.stack(found)
-
-    def noise_above_band(self) -> FloatArray:
-        """Covariance (m, m) of white noise with the power that lies in the octave above the compared band.
-
-        Of the quieter half of all stretches, as the tube's own motion in that octave is brief.
-        """
-
-        def octave(values: FloatArray) -> FloatArray:
-            return gauss(values, self.rate, 3 * self.high) - gauss(values, self.rate, 1.5 * self.high)
-
-        impulse = np.zeros((2 * int(self.rate) + 1, 1))
-        impulse[len(impulse) // 2] = 1.0
-        length = max(int(QUIET_S * self.rate), 4)
-        count = max(len(self.raw) // length, 1)
-        parts = octave(self.raw)[: count * length].reshape(count, length, -1)
-        each = np.einsum("kni,knj->kij", parts, parts) / length
-        size = np.einsum("kii,i->k", each, 1 / np.maximum(np.diag(each.mean(axis=0)), 1e-30))
-        quiet = np.argsort(size)[: max(count // 2, 1)]
-        return each[quiet].mean(axis=0) / float(np.sum(octave(impulse) ** 2))
-
-
-def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
-    """Gaussian low-pass of (samples, ...) along axis 0, zero phase, half power at `cut_Hz`."""
-    sigma = np.sqrt(np.log(2)) / (2 * np.pi * cut_Hz) * rate
-    return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest", truncate=4.5), dtype=float)
-
-
-def band(values: FloatArray, rate: float, high: float) -> FloatArray:
-    """Band-pass of (samples, ...) from LOW_HZ to `high`, zero phase."""
-    return gauss(values, rate, high) - gauss(values, rate, LOW_HZ)
-
-
-def without_slow(values: FloatArray, use: NDArray[np.bool_], rate: float) -> FloatArray:
-    """The samples of `use` (samples,) out of (samples, ...), less the weighted mean of those samples about each.
-
-    Nothing outside of `use` enters, so that whatever holds between columns sample by sample holds between the results:
-    beyond the ends of a film the log goes on and the film does not.
+    Raises
+    ------
+    DataError
+        If several offsets explain it alike.
     """
-    sigma = np.sqrt(np.log(2)) / (2 * np.pi * LOW_HZ) * rate
-    weight = use.astype(float).reshape((-1,) + (1,) * (values.ndim - 1))
-    kind = {"axis": 0, "mode": "constant", "truncate": 4.5}
-    slow = gaussian_filter1d(values * weight, sigma, **kind)[use] / gaussian_filter1d(weight, sigma, **kind)[use]
-    return np.asarray(values[use] - slow, dtype=float)
-
-
-class Target:
-    """The log's pressure, filtered like the terms, at any offset."""
-
-    def __init__(self, time: FloatArray, pressure: FloatArray, rate: float, high: float) -> None:
-        step = min(float(np.median(np.diff(time))), 1.0 / rate)
-        self.time = np.arange(time[0], time[-1], step)
-        raw = np.interp(self.time, time, pressure)
-        # The amplitudes were smoothed once before the terms were formed, and so is the pressure.
-        self.smooth = gauss(gauss(raw, 1 / step, 2 * high), 1 / step, high)
-        self.smooth_slope = np.gradient(self.smooth, self.time)
-        self.values = self.smooth - gauss(gauss(raw, 1 / step, 2 * high), 1 / step, LOW_HZ)
-        self.first, self.last = self.time[0] + 0.1, self.time[-1] - 0.1
-        self.gaps = gaps_of(time)
-
-    def inside(self, times: FloatArray) -> NDArray[np.bool_]:
-        """Where the log covers `times` (samples,) in s."""
-        covered = (times >= self.first) & (times <= self.last)
-        return covered & outside_gaps(times, self.gaps, FILTER_REACH_S) if len(self.gaps) else covered
-
-    def at(self, times: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Band-passed pressure at `times` (samples,) in s, and where the log covers them."""
-        return np.interp(times, self.time, self.values), self.inside(times)
+    offsets, shares, own = search(seen, target)
+    best = int(np.argmax(shares))
+    if shares[best] < LEAST_EXPLAINED:
+        return Alignment(float(offsets[best]), explained=float(shares[best]))
+    repeats, doubt_s = repetition(offsets, shares, own, slowest_s=1 / LOW_HZ, experiment=experiment)
+    found = refine(seen, target, float(offsets[best]), (offsets, shares))
+    note = "; ".join(filter(None, [repeats, found.note]))
+    return replace(found, offset_stderr_s=float(np.hypot(found.offset_stderr_s, doubt_s)), note=note)
 
 
 def search(seen: FilteredMotion, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:

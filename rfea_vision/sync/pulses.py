@@ -12,7 +12,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.scatter import scatter
-from rfea_vision.sync.motion import Alignment
+from rfea_vision.sync.alignment import Alignment
 
 LOW, HIGH = 0.35, 0.65  # of the swing: a signal has switched once it has passed both
 LEAST_CONTRAST = 6.0  # swing over the noise from frame to frame

@@ -13,7 +13,8 @@ from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
-from rfea_vision.sync.motion import Alignment, align_by_motion
+from rfea_vision.sync.alignment import Alignment
+from rfea_vision.sync.motion import align_by_motion
 from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
 
 LEAST_SWING_KPA = 1.0  # a log that moves by less is flat

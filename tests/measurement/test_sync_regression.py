@@ -14,7 +14,7 @@ from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.stages import open_campaign
 from rfea_vision.sync import synchronise
-from rfea_vision.sync.motion import without_slow
+from rfea_vision.sync.filters import without_slow
 from rfea_vision.sync.regression import (
     OFFSET,
     choose,
