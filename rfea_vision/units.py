@@ -37,6 +37,7 @@ _PLAIN_UNITS = {
     "min": ("s", 60.0),
     "Hz": ("Hz", 1.0),
     "kHz": ("Hz", 1e3),
+    "fps": ("Hz", 1.0),
     "deg": ("rad", math.pi / 180),
     "rad": ("rad", 1.0),
     "g": ("kg", 1e-3),
@@ -55,7 +56,9 @@ _SIGNS = {'"': "in", "\u2033": "in", "\u201d": "in", "''": "in", "'": "ft", "\u2
 def _registry() -> pint.UnitRegistry:
     import pint  # half a second that commands without quantities need not pay
 
-    return pint.UnitRegistry()
+    registry = pint.UnitRegistry(on_redefinition="ignore")
+    registry.define("frame_per_second = 1 / second = fps")  # of films: pint's own fps are feet per second
+    return registry
 
 
 @cache

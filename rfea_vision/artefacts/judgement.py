@@ -215,6 +215,7 @@ class NextExperiment(_Json):
     separates: list[str] = Field(alias="for")
     pressure: str
     sentence: str
+    decides: bool = True  # whether the predictions part by more than the noise floor
 
 
 class EffectSet(_Json):

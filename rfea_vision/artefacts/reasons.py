@@ -25,7 +25,7 @@ class Reason:
 REASONS: dict[str, Reason] = {
     "no_tube": Reason(
         "no tube was found",
-        "check actuator.outer_radius (half of what a caliper shows) and the board's square, or give camera.clamp and "
+        "check actuator.outer_radius (half of what a caliper shows) and the board's square or camera.scale, or give camera.clamp and "
         "camera.tip in pixels",
         "clamp",
         "Point at the clamp",
@@ -41,13 +41,13 @@ REASONS: dict[str, Reason] = {
     "blurred": Reason("the picture is blurred", "use a shorter exposure, more light, or a sharper focus"),
     "width_off": Reason(
         "the width is not that of the tube",
-        "check actuator.outer_radius (half of what a caliper shows) and the board's square",
+        "check actuator.outer_radius (half of what a caliper shows) and the board's square or camera.scale",
         "clamp",
         "Point at both edges",
     ),
     "length_off": Reason(
         "the length is not that of the tube",
-        "check actuator.length and the board's square",
+        "check actuator.length and the board's square or camera.scale",
         "tip",
         "Point at the tip",
     ),

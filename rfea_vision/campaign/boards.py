@@ -36,7 +36,9 @@ class Look:
         self.problems.append(FileProblem(self.file, text, key, experiment=self.name))
 
 
-def camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[FileProblem]:
+def camera_problems(
+    camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None, *, tube_known: bool = True
+) -> list[FileProblem]:
     """Read an earlier calibration, and look for the board in every photo: the campaign's, or that of an `experiment` with its own."""
     from rfea_vision.calibration.storage import load_calibration
 
@@ -51,7 +53,7 @@ def camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experime
             look.refuse("camera.plane", text)
         _look_at_photos(look, camera, camera.board)
         if camera.plane is not None:
-            _look_at_plane(look, camera, camera.board, (experiment or campaign).actuator)
+            _look_at_plane(look, camera, camera.board, (experiment or campaign).actuator if tube_known else None)
     return look.problems
 
 
@@ -77,7 +79,7 @@ def _look_at_photos(look: Look, camera: CameraSpec, board: Board) -> None:
         look.refuse("camera.photos", text)
 
 
-def _look_at_plane(look: Look, camera: CameraSpec, board: Board, tube: Actuator) -> None:
+def _look_at_plane(look: Look, camera: CameraSpec, board: Board, tube: Actuator | None) -> None:
     """Look for the board in the photo of the plane of motion, and how large the tube is beside it."""
     from rfea_vision.calibration.corners import Refused, find_corners
     from rfea_vision.readers.pictures import read_grey
@@ -93,7 +95,7 @@ def _look_at_plane(look: Look, camera: CameraSpec, board: Board, tube: Actuator)
     found = find_corners(plane, grey, board)
     if isinstance(found, Refused):
         look.refuse("camera.plane", f"{plane.name}: {found.reason}")
-    elif text := of_square(found.board_mm, found.pixels, grey.shape, tube):
+    elif tube is not None and (text := of_square(found.board_mm, found.pixels, grey.shape, tube)):
         look.warn("camera.board.square", text)
 
 

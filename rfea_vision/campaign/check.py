@@ -61,7 +61,7 @@ def check_campaign(
     cameras = _cameras(campaign, active)
     total = len(active) + len(cameras)
     for done, (camera, experiment) in enumerate(cameras):
-        problems += camera_problems(camera, campaign, experiment)
+        problems += camera_problems(camera, campaign, experiment, tube_known=_tube_known(problems, experiment))
         if progress is not None:
             progress(done + 1, total)
     runs = []
@@ -69,7 +69,7 @@ def check_campaign(
         said = any(
             p.experiment in (None, experiment.name) and (p.key.startswith("pressure") or p.meant == "pressure") for p in problems
         )
-        runs.append(_looked_at(experiment, pressure_said=said))
+        runs.append(_looked_at(experiment, pressure_said=said, tube_known=_tube_known(problems, experiment)))
         if progress is not None:
             progress(done + 1, total)
     problems += _compared(campaign, runs, problems)
@@ -117,7 +117,8 @@ def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem])
         own, first = logs.get(name), logs.get(str(experiment.repeat_of))
         run.doubt("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)) if own and first else "")
         load_kg = experiment.rig.conditions.get("payload.m", 0.0)
-        run.doubt("conditions.payload", of_load(load_kg, most_kPa, experiment.actuator, experiment.rig.gravity_deg))
+        if run.tube_known:
+            run.doubt("conditions.payload", of_load(load_kg, most_kPa, experiment.actuator, experiment.rig.gravity_deg))
         run.doubt("track", repeats.of_line(name, lines) if name in lines else "")
         run.doubt("pressure", repeats.of_rest(name, rests))
     for experiment, key, text in repeats.alike([run.experiment for run in runs], motions):
@@ -172,9 +173,17 @@ def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[Cam
     return found
 
 
-def _looked_at(experiment: ExperimentSpec, *, pressure_said: bool) -> _Run:
+def _tube_known(problems: list[FileProblem], experiment: ExperimentSpec | None) -> bool:
+    """Whether no value of the tube was refused: one that was assumed in its place is none to doubt others by."""
+    own = (None,) if experiment is None else (None, experiment.name)
+    return not any(
+        problem.severity == "error" and problem.key.split(".")[0] == "actuator" and problem.experiment in own for problem in problems
+    )
+
+
+def _looked_at(experiment: ExperimentSpec, *, pressure_said: bool, tube_known: bool) -> _Run:
     """Read what belongs to a run."""
-    run = _Run(experiment.file, experiment.name, experiment)
+    run = _Run(experiment.file, experiment.name, experiment, tube_known)
     try:
         if experiment.video is not None:
             _look_at_film(run, experiment.video)
@@ -195,6 +204,7 @@ class _Run(Look):
 
     Attributes
     ----------
+    tube_known : whether no value of its tube was refused
     size : width and height (px) of its film's pictures
     track, seconds : its track, and the times (s) of its frames
     motion, line : what moves (frames, 2 or 1); number of points and length (mm) of the centre line
@@ -205,6 +215,7 @@ class _Run(Look):
     """
 
     experiment: ExperimentSpec
+    tube_known: bool
     size: tuple[int, int] | None = None
     track: Track | None = None
     seconds: FloatArray | None = None
@@ -241,7 +252,8 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     experiment = run.experiment
     if experiment.camera is not None:
         film, gravity_deg = pointing.Film(source.size, len(run.seconds)), experiment.rig.gravity_deg
-        wrong, odd = pointing.of_camera(experiment.camera, film, experiment.actuator, gravity_deg)
+        tube = experiment.actuator if run.tube_known else None
+        wrong, odd = pointing.of_camera(experiment.camera, film, tube, gravity_deg)
         run.problems += [FileProblem(run.file, text, key, experiment=run.name) for key, text in wrong]
         for key, text in odd:
             run.warn(key, text)
@@ -266,7 +278,7 @@ def _look_at_track(run: _Run, spec: TrackSpec) -> None:
     run.track, run.seconds = track, track.time_s
     run.motion, run.line = motion_of(track.dataset)[0], repeats.line_of(track.dataset)
     run.warn("track", *plausibility.of_gaps(track.time_s))
-    if not run.in_px:
+    if not run.in_px and run.tube_known:
         tube = experiment.actuator
         run.warn("track", *(plausibility.of_track(track.dataset, 1e3 * tube.length) or of_stretch(track.dataset, tube)))
 
@@ -287,7 +299,8 @@ def _look_at_pressure(run: _Run) -> None:
     said = plausibility.of_pressure(log)
     if track is not None and not run.in_px and not said:
         run.response = plausibility.response(track.dataset, log.pressure_kPa)
-        run.modulus = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, experiment.rig.gravity_deg)
+        if run.tube_known:
+            run.modulus = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, experiment.rig.gravity_deg)
     if run.seconds is not None and len(run.seconds):
         filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
         said += plausibility.of_times(log.time_s, run.seconds, filmed=filmed)

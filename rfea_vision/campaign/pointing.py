@@ -36,11 +36,14 @@ class Film(NamedTuple):
 
 
 def of_camera(
-    camera: CameraSpec, film: Film, tube: Actuator, gravity_deg: float | None
+    camera: CameraSpec, film: Film, tube: Actuator | None, gravity_deg: float | None
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """What is wrong, and what is odd, of what was pointed at in a film, or found there by another program: keys, and why."""
+    """What is wrong, and what is odd, of what was pointed at in a film, or found there by another program: keys, and why.
+
+    Of a tube that is not known no size is doubted.
+    """
     wrong, odd = outside(camera, film), of_hints(camera.hints, gravity_deg)
-    if camera.scale is not None and not wrong:
+    if camera.scale is not None and tube is not None and not wrong:
         try:
             odd += of_size(camera.hints, calibrated_by_scale(camera, film.size, 1e3 * tube.length), tube)
         except InputError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import shlex
+from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -114,13 +116,19 @@ def _export_code(
 ) -> None:
     """The fitted model as C99, or as an FMU."""
     from rfea_vision.export import c_files, fitted_model, fmu_content
+    from rfea_vision.export.c_source import not_of_the_tube
     from rfea_vision.files import whole_file, write_text
 
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     name = re.sub(r"\W", "_", target.name, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
-    fit, gravity, mounting = _model_and_gravity(campaign, out, models)
+    fit, others, gravity, mounting = _model_and_gravity(campaign, out, models)
     model, par = fitted_model(fit, gravity, mounting)
+    if outside := not_of_the_tube(model):
+        without = next((one.name for one in others() if not not_of_the_tube(fitted_model(one, gravity, mounting)[0])), None)
+        command = shlex.join(["rfea", *(["export", str(campaign), without, str(target)] if without else ["fit", str(campaign)])])
+        what = f"export {without}, a model without it" if without else "fit a model without it"
+        raise InputError(f"export: '{outside[0]}' belongs to the camera or the clocks, not to the tube; {what}: {command}")
     about = f"Model '{fit.name}' of {campaign.name}: {counted(fit.segments, 'segment')}"
     about += f", {', '.join(fit.effects)}" if fit.effects else ""
     about += (
@@ -146,14 +154,18 @@ def _export_code(
         say_next("cc -O2 -c", written[0], why="C99, needs nothing else")
 
 
-def _model_and_gravity(campaign: Path, out: Path | None, models: list[str]) -> tuple[ModelFit, float, float]:
-    """The model that is asked for, gravity (m/s^2) in the plane of its training runs, and from where it pulls (rad)."""
-    from rfea_vision.artefacts import Recording
+def _model_and_gravity(
+    campaign: Path, out: Path | None, models: list[str]
+) -> tuple[ModelFit, Callable[[], Iterator[ModelFit]], float, float]:
+    """The model that is asked for, the others, gravity (m/s^2) in the plane of the training runs, and from where it pulls (rad)."""
+    from rfea_vision.artefacts import ModelFit, Recording
     from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
     from rfea_vision.fitting.observation import rig_of
+    from rfea_vision.stages import mechanics
 
     with opened(campaign, out) as work:
         fit = _asked_model(work, models)
+        files = [mechanics.model_folder(work, name) / "model.json" for name in mechanics.model_names(work) if name != fit.name]
         runs = [work.out / run.name / "recording.nc" for run in work.campaign.experiments if run.role == "train"]
     rigs = {rig_of(Recording.load(path).dataset) for path in runs if path.is_file()}
     if len(rigs) > 1:
@@ -161,14 +173,18 @@ def _model_and_gravity(campaign: Path, out: Path | None, models: list[str]) -> t
             f"{campaign}: its training runs stand under gravity from {len(rigs)} sides, and an exported tube under one; "
             "export from a folder that holds the runs of one of them"
         )
-    return fit, *(rigs.pop() if rigs else (STANDARD_GRAVITY, 0.0))
+    return fit, lambda: map(ModelFit.load, files), *(rigs.pop() if rigs else (STANDARD_GRAVITY, 0.0))
 
 
 def _asked_model(work: Workspace, models: list[str]) -> ModelFit:
-    """The model that is named, or the one fitted last."""
+    """The model that is named, or the one fitted last; of one that was refused a warning says so."""
     from rfea_vision.stages import mechanics
 
-    return work.model(models[0] if models else mechanics.last_model(work) or "base")
+    fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
+    if fit.refused:
+        why = fit.refused.removeprefix("Refused: ")
+        click.echo(f"warning: {fit.name} was refused when it was fitted, and is no model of this tube: {why}", err=True)
+    return fit
 
 
 def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Path) -> list[Path]:

@@ -42,7 +42,7 @@ def fit_command(
         print_json(model.model_dump(mode="json"))
     else:
         if model.status == "refused" or not up_to_date(work):
-            print_model(model)
+            print_model(model, study=options.study_segments or options.auto_segments)
             click.echo(str(work.out / "models" / model.name / "model.json"))
         if model.meets_no_run:
             say_next("rfea check", campaign, why="it meets no run: see what may be declared wrong")
@@ -52,8 +52,8 @@ def fit_command(
         context.exit(1)
 
 
-def print_model(model: ModelFit) -> None:
-    """Print the parameters of a fit, its errors, and the studies that were asked for."""
+def print_model(model: ModelFit, *, study: bool) -> None:
+    """Print the parameters of a fit, its errors, and the studies that were asked for: `study` is that of the segments."""
     table = [
         [
             name,
@@ -70,7 +70,8 @@ def print_model(model: ModelFit) -> None:
     for warning in model.warnings:
         say(f"warning: {warning}")
     print_metrics({model.name: model})
-    print_study(model)
+    if study:
+        print_study(model)
     for found in model.profiles.values():
         say(found["sentence"])
     if model.leave_one_out:

@@ -106,7 +106,7 @@ def improve_command(
             _say_after(last, campaign)
         elif any(rung.tied for rung in ladder.rungs):
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
-            say_next("rfea diagnose", campaign, ladder.rungs[tied - 1].model, why="which run would split the tie")
+            say_next("rfea diagnose", campaign, ladder.rungs[tied - 1].model, why="what would split the tie")
         else:
             say_next("open in a browser:", report, why="'rfea export' takes the model along")
 
@@ -136,7 +136,9 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     for warning in diagnosis.warnings:
         say(f"warning: {warning}")
     planned = diagnosis.next_experiment
-    if planned is not None:
+    if planned is not None and not planned.decides:
+        say(planned.sentence)
+    elif planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
     _say_after(diagnosis, campaign)

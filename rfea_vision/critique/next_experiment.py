@@ -176,14 +176,19 @@ def design_next(
         return None, None
     pressure = shaped(shapes[best.shape], best.amplitude, best.pace, rate)
     what = "tips" if unit == "mm" else "angles"
-    sentence = (
-        f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
-        f"{rounded(told[best])} {unit} RMS apart, {'less than' if told[best] < floor else 'beside'} a noise floor of "
-        f"{rounded(floor)} {unit}."
-    )
+    decides = told[best] >= floor
+    sentence = f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict"
+    if not decides:
+        sentence = (
+            f"No run within the pressures and slopes of this rig tells {names[0]} from {names[1]} for sure: where they part most, "
+            f"by {best.words(pressure)}, they predict, as fitted now,"
+        )
+    beside = f"{'beside' if decides else 'less than'} a noise floor of {rounded(floor)} {unit}"
+    sentence += f" {what} {rounded(told[best])} {unit} RMS apart, {beside}."
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
     dataset = xr.Dataset(
         {"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})},
         coords={"log_time": np.arange(pressure.size) * STEP_S},
     )
-    return NextExperiment.model_validate({"for": list(names[:2]), "pressure": file, "sentence": sentence}), dataset
+    planned = {"for": list(names[:2]), "pressure": file, "sentence": sentence, "decides": decides}
+    return NextExperiment.model_validate(planned), dataset

@@ -81,6 +81,12 @@ class _Writer:
             ) from error
 
 
+def not_of_the_tube(model: Model) -> list[str]:
+    """Effects of the camera or of the clocks, which no code of a tube has."""
+    hooks = ("observed_position", "time_shift", "angle_drift")
+    return [effect.id for effect in model.effects if any(effect.overrides(hook) for hook in hooks)]
+
+
 def check_exportable(model: Model) -> None:
     """Refuse what is not of the tube.
 
@@ -89,11 +95,9 @@ def check_exportable(model: Model) -> None:
     InputError
         The model has effects of the camera or of the clocks.
     """
-    hooks = ("observed_position", "time_shift", "angle_drift")
     if any(effect.overrides("stretch_time_constant") for effect in model.effects):
         raise InputError("export: a length that follows the pressure late is not exported; fit with `stretch` in its place")
-    outside = [effect.id for effect in model.effects if any(effect.overrides(hook) for hook in hooks)]
-    if outside:
+    if outside := not_of_the_tube(model):
         raise InputError(
             f"export: '{outside[0]}' belongs to the camera or the clocks, not to the tube; fit a model without it"
         )

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.files import write_text
 
-#: Decimals: microseconds, nanometres, microdegrees.
-DIGITS = 6
+#: Decimals at most: microseconds, nanometres, microdegrees; and the share of the least standard error that the last of them tells.
+DIGITS, TOLD = 6, 0.01
 
 
 def tip_table(data: xr.Dataset) -> pd.DataFrame:
@@ -39,6 +40,18 @@ def tip_table(data: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(columns | {"reason": data["reason"].values.astype(str)})
 
 
+def _decimals(sigma: FloatArray) -> int:
+    """Decimals of what has these standard errors (t,): the last is a hundredth of the least of them, or less."""
+    known = sigma[sigma > 0]
+    return int(np.clip(np.ceil(-np.log10(TOLD * known.min())), 0, DIGITS)) if known.size else DIGITS
+
+
 def write_tip(path: Path, data: xr.Dataset) -> None:
-    """Write the table of `tip_table` as CSV."""
-    write_text(path, tip_table(data).round(DIGITS).to_csv(index=False))
+    """Write the table of `tip_table` as CSV, in no more digits than its standard errors bear out."""
+    table = tip_table(data)
+    errors = {"tip_x_mm": "sigma_x_mm", "tip_y_mm": "sigma_y_mm", "angle_deg": "sigma_deg"}
+    told = {name: _decimals(table[sigma].to_numpy(float)) for name, sigma in errors.items() if name in table}
+    told |= {sigma: told[name] for name, sigma in errors.items() if name in table}
+    if "sigma_mm" in table:
+        told["sigma_mm"] = max(told["sigma_x_mm"], told["sigma_y_mm"])
+    write_text(path, table.round({"time_s": DIGITS, **told}).to_csv(index=False))

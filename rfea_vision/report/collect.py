@@ -208,7 +208,7 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Ladder
     if (room / "prediction.nc").exists():
         predictions |= absent.read("prediction", _read_groups, room / "prediction-test.nc") or {}
     pressure = None
-    if diagnosis and diagnosis.next_experiment:
+    if diagnosis and diagnosis.next_experiment and diagnosis.next_experiment.decides:
         file = _find(folder, room, diagnosis.next_experiment.pressure)
         pressure = absent.read("next_experiment", _read_pressure, file, f"{file.name} is missing: run `rfea diagnose --force`.")
     timings = absent.read("timings", _read_mapping, room / "timings.json") or {}

@@ -223,7 +223,7 @@ class Runner:
                 failures[experiment.name] = error
         if failures and not self.tolerant:
             for name in list(failures)[1:]:
-                self.listener.note(f"{name}: {failures[name]}")
+                self.listener.note(f"{name}: {str(failures[name]).removeprefix(f'{name}: ')}")
             raise _as_one_error(failures, len(chosen), verb)
         self.failures |= failures
         return results

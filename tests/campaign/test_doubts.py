@@ -156,6 +156,19 @@ def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
     assert len([text for text in said if says in text]) == 1, said
 
 
+@pytest.mark.parametrize(("length", "doubted"), [("155 mm", True), ("155 mmm", False)])
+def test_nothing_is_doubted_by_a_tube_that_was_assumed_in_place_of_one_that_was_refused(tmp_path, length, doubted):
+    """`outer_radius: 17mmm` was refused, and a clamp told to be wider than the tube of 8 mm that was assumed."""
+    folder = write_campaign(tmp_path / "campaign")
+    file = folder / "campaign.yaml"
+    assert "length: 155 mm" in file.read_text()
+    file.write_text(file.read_text().replace("length: 155 mm", f"length: {length}"))
+    _scaled(["tip_x_mm", "tip_y_mm"], 1.3, "track.csv")(folder)
+    said = [str(problem) for problem in check_campaign(folder).problems]
+    assert any("is actuator.length that of the part that bends" in text for text in said) == doubted
+    assert any("unknown unit 'mmm'" in text for text in said) != doubted
+
+
 def test_a_clamp_below_its_tip_is_doubted_where_the_tube_hangs():
     swapped = Hints(clamp=((561.0, 1069.0), (608.0, 1069.0)), tip=(580.0, 219.0))
     ((key, text),) = of_hints(swapped, 0.0)

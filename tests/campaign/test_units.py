@@ -93,12 +93,18 @@ def test_factors_convert_there_and_back():
 
 
 def test_units_that_are_known_by_heart_are_those_of_pint():
-    registry = pint.UnitRegistry()
-    alike = [pair for pair in permutations(_PLAIN_UNITS, 2) if len({_PLAIN_UNITS[unit][0] for unit in pair}) == 1]
+    registry, known = pint.UnitRegistry(), _PLAIN_UNITS.keys() - {"fps"}  # which are feet per second there
+    alike = [pair for pair in permutations(known, 2) if len({_PLAIN_UNITS[unit][0] for unit in pair}) == 1]
     assert len(alike) == 64  # ordered pairs of one kind
     for unit, to in alike:
         truth = registry.Quantity(1.0, unit).to(to).magnitude
         assert conversion_factor(unit, to) == pytest.approx(truth, rel=1e-15, abs=0.0), (unit, to)
+
+
+def test_frames_per_second_are_a_rate():
+    """`rate: 25 fps` was refused: pint's fps are feet per second."""
+    assert parse_quantity("25 fps", "Hz", example="240 Hz") == 25.0
+    assert conversion_factor("fps", "kHz") == pytest.approx(1e-3) and conversion_factor("fps", "1/min") == pytest.approx(60.0)
 
 
 def test_a_mass_without_a_unit_is_proposed_in_grams():

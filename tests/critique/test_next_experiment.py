@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Diagnosis
+from rfea_vision.cli import model
 from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
 from rfea_vision.fitting.problem import make_problem
 
@@ -53,3 +55,18 @@ def test_no_pressure_is_proposed_for_a_rig_that_has_none():
     still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
     rival: Any = SimpleNamespace()
     assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0, 0.1) == (None, None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("floor", "decides"), [(0.5, True), (6.54, False)])
+def test_a_run_that_would_not_decide_is_not_proposed(campaign, monkeypatch, tmp_path, capsys, floor, decides):
+    """Tips 4.2 mm apart over a floor of 6.5 mm: a pressure to play was the next step all the same."""
+    problem = make_problem(*campaign())
+    monkeypatch.setattr("rfea_vision.critique.next_experiment._seen", lambda fitted, *_: np.full((100, 4), fitted))
+    one, other, names = 0.0, 3.0, ("plane_tilt", "camera_scale")  # mm
+    planned, pressure = design_next(problem, (one, other), names, 0, floor)  # type: ignore[arg-type]
+    assert planned is not None and pressure is not None and planned.decides is decides
+    assert ("No run within the pressures and slopes of this rig tells plane_tilt from camera_scale" in planned.sentence) != decides
+    assert f"4.24 mm RMS apart, {'beside' if decides else 'less than'} a noise floor of {floor:.3g}" in planned.sentence
+    model.print_diagnosis(Diagnosis(model="base", verdict="missing", next_experiment=planned), tmp_path, tmp_path)
+    said = capsys.readouterr().out
+    assert ("Pressure to play" in said) == ("next experiment:" in said) == decides and "RMS apart" in said.replace("\n", " ")

@@ -162,3 +162,12 @@ def test_why_each_of_several_experiments_failed_is_said(work):
     with pytest.raises(DataError, match=r"^sine is broken; also failed: steps"):
         work.each([], fails, "tracked")
     assert "steps: steps is broken" in work.listener.said
+
+
+def test_why_a_run_failed_has_its_name_once(work):
+    def fails(experiment):
+        raise DataError(f"{experiment.name}: sync: broken")
+
+    with pytest.raises(DataError, match=r"^sine: sync: broken; also failed: steps"):
+        work.each([], fails, "tracked")
+    assert "steps: sync: broken" in work.listener.said
