@@ -171,7 +171,8 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]
     if verdict.sufficient and verdict.uncertain_because:
         sentence = ""  # to be at such a floor, or to be left so little by such a fit, tells nothing
     elif verdict.sufficient:
-        sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit})."
+        own = ", which is a model's own error" if left_by_a_model(search.floors, search.trials.problem) else ""
+        sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit}{own})."
     else:
         runs = "held-out runs" if search.trials.problem.validate else "the training runs"
         part = f"{100 * left:.0f} %" if left >= 0.01 else "Less than 1 %"

@@ -308,6 +308,8 @@ def test_all_of_a_floor_that_is_a_models_own_error_hides_what_may_matter(monkeyp
         assert (hidden in found.sentence) == bool(because)
     search, rows = _at_floor(monkeypatch, 0.0065, 0.0065, LEFT_BY_A_MODEL)  # the example: nothing beside its motion
     assert decide(search, rows).sentence.startswith("Nothing is missing that matters")
+    left = remainder_of(search, decide(search, rows), [])
+    assert left.sentence == "What is left, 0.00650 mm, is at the floor (0.00650 mm, which is a model's own error)."
     repeated = SimpleNamespace(scored=[SimpleNamespace(repeat_of="steps")])
     floors: Any = SimpleNamespace(source=LEFT_BY_A_MODEL, measurement=5.0, irreproducible=5.1)
     assert not left_by_a_model(floors, repeated)  # a repeat has shown as much
