@@ -13,7 +13,7 @@ import numpy as np
 from rfea_vision.campaign.tracked import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
-from rfea_vision.readers.columns import column, in_unit, said_unit
+from rfea_vision.readers.columns import column, in_unit, said_unit, unread_clock
 from rfea_vision.readers.kinds.base import AXIS, Points, Table, points_of_columns
 from rfea_vision.readers.pictures import PICTURES
 from rfea_vision.readers.poses import turned_body
@@ -120,6 +120,8 @@ def _table(path: Path) -> FileGuess:
     pressure = _pressure(columns, time, _moved(columns, motion))
     if pressure is None and motion is None:
         bare = "c1" in columns.table.columns  # of a file without a header
+        if not time and (unread := unread_clock(columns.table)):
+            return FileGuess(path, "unknown", note=unread)
         remedy = "; write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'" if bare else ""
         return FileGuess(path, "unknown", note=f"no column looks like a pressure, a tip or an angle{remedy}")
     what = "log" if motion is None else "track" if pressure is None else "both"

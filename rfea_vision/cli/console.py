@@ -32,6 +32,8 @@ from rfea_vision.progress import Progress as ProgressCall
 from rfea_vision.units import counted, finite, rounded
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rfea_vision.stages.runner import Runner
 
 _WIDE = 160  # columns of a table that goes to a file or another program
@@ -81,6 +83,12 @@ def _between_words(text: str, stream: TextIO, indent: str = "") -> str:
         break_long_words=False,
         break_on_hyphens=False,
     )
+
+
+def drawn_previews(out: Path) -> list[Path]:
+    """The previews among the results that show the tracks as they are now."""
+    drawn = [(path, path.with_name("track.nc")) for path in sorted(out.glob("*/preview.mp4"))]
+    return [path for path, track in drawn if track.is_file() and path.stat().st_mtime >= track.stat().st_mtime]
 
 
 def say_next(command: str, *words: object, why: str = "") -> None:

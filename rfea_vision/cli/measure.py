@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rfea_vision.artefacts.rows import CalibrationQuality
-from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
+from rfea_vision.cli.console import drawn_previews, print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import PATH, Command, campaign_options, opened
 from rfea_vision.errors import DataError
 
@@ -64,7 +64,7 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
         say(summary["sentence"])
         say_next("rfea sync", campaign)
     elif ros is None and up_to_date(work):
-        say_next("rfea track", campaign, "--preview")
+        say_next("rfea track", campaign, *([] if drawn_previews(work.out) else ["--preview"]))
     else:
         photos = sorted(calibration.photos, key=lambda photo: (not photo["used"], -(photo.get("rms_px") or 0.0)))
         rows = [
@@ -83,7 +83,7 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
         say(f"{calibration.model}: {lens} px{fit}, {tilt}")
         for sentence in _judgement(calibration.quality):
             say(sentence)
-        say_next("rfea track", campaign, "--preview")
+        say_next("rfea track", campaign, *([] if drawn_previews(work.out) else ["--preview"]))
 
 
 def _judgement(quality: CalibrationQuality) -> list[str]:
@@ -160,7 +160,7 @@ def _say_what_follows(work: Workspace, campaign: Path, tracked: Collection[str],
         alone = any(run.pressure.missing for run in work.active())
         return say_next("rfea sync", campaign, *(word for name in logged if alone for word in ("-e", name)))
     needed = "a model needs a log: 'pressure: {file: pressure.csv}' in experiment.yaml"
-    if any(run.video is not None for run in runs) and not previews:
+    if any(run.video is not None for run in runs) and not (previews or drawn_previews(work.out)):
         return say_next("rfea track", campaign, "--preview", why=f"draws the track over the film; {needed}")
     return say_next("rfea export", campaign, "OUT", "--csv", why=f"the tip over time; {needed}")
 

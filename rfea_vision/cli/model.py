@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_columns, print_json, say, say_next, up_to_date
+from rfea_vision.cli.console import drawn_previews, print_columns, print_json, say, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.options import ask, campaign_options, code_option, models_like, opened
 from rfea_vision.options import CritiqueOptions, FitOptions
@@ -72,7 +72,7 @@ def diagnose_command(
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     elif up_to_date(work):
-        _say_after(diagnosis, campaign)
+        _say_after(diagnosis, campaign, work.out)
     else:
         print_diagnosis(diagnosis, campaign, work.out)
 
@@ -103,7 +103,7 @@ def improve_command(
             say(f"report: {report}")
         last = ladder.rungs[-1] if ladder.rungs else None
         if last is not None and last.outcome in ("unexplained", "uncertain"):
-            _say_after(last, campaign)
+            _say_after(last, campaign, work.out)
         elif any(rung.tied for rung in ladder.rungs):
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
             say_next("rfea diagnose", campaign, ladder.rungs[tied - 1].model, why="what would split the tie")
@@ -141,7 +141,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     elif planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
-    _say_after(diagnosis, campaign)
+    _say_after(diagnosis, campaign, out)
 
 
 def _print_candidates(diagnosis: Diagnosis) -> None:
@@ -172,7 +172,7 @@ def _percent(share: float | None) -> str | None:
     return None if share is None else f"{100 * share:z.0f} %"
 
 
-def _say_after(judged: Diagnosis | Rung, campaign: Path) -> None:
+def _say_after(judged: Diagnosis | Rung, campaign: Path, out: Path) -> None:
     """Say the next command after a verdict, and what for."""
     from rfea_vision.artefacts.judgement import RAN_AWAY, UNCERTAIN
 
@@ -183,6 +183,8 @@ def _say_after(judged: Diagnosis | Rung, campaign: Path) -> None:
         say_next("rfea report", campaign, why="one page, offline")
     elif verdict == UNCERTAIN and judged.uncertain_because.startswith(RAN_AWAY):
         say_next("rfea check", campaign, why="see what may be declared wrong; then fit again")
+    elif verdict == UNCERTAIN and (drawn := drawn_previews(out)):
+        say_next("look at", drawn[0], why="the track over the film: better seen ends and a board lower the floor")
     elif verdict == UNCERTAIN:
         say_next("rfea track", campaign, "--preview", why="draws the track over the film: better seen ends and a board lower the floor")
     else:

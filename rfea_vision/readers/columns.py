@@ -28,6 +28,9 @@ _SAME_UNIT = 0.005
 #: Keys beside that of a column whose quantities are numbers by the time that they are read, and what these are in.
 _UNITS = {"ambient": "kPa", "scale": "m", "rate": "Hz"}
 
+#: How a moment is written: year, month, day; day, month, year with dots between them; or the time of the day alone.
+_WRITTEN = re.compile(r"(?:(?P<year>\d{4}-\d\d-\d\d)[ T]\d\d:\d\d|(?P<day>\d{1,2}\.\d{1,2}\.\d{4})\s+\d\d?:\d\d|\d\d?:\d\d:\d\d)")
+
 # What loggers call their columns, in the languages of the labs that we know of.
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
 _PRESSURE_WORDS = re.compile(r"press|druck|pression|presi|paine|^p\d*$|^p\d*[ _(\[]", re.IGNORECASE)
@@ -127,15 +130,43 @@ def other_unit(table: Table, name: str, like: str, key: str, given: str | None) 
 
 
 def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:
-    """Moments, of dates and of text such as ``2026-03-01 14:05:30.25``; None for anything else."""
-    if values.dtype.kind != "M":
-        if not values.size or not re.match(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d", str(values[0])):
-            return None
-        try:
-            values = pd.to_datetime(pd.Series(values), format="ISO8601", utc=True).dt.tz_localize(None).to_numpy()
-        except ValueError:
-            return None
-    return values
+    """Moments, of dates and of text such as ``2026-03-01 14:05:30.25`` or ``1.3.2026 14:05:30,25``; None for anything else.
+
+    Of the time of the day alone, ``14:05:30.25``, they lie on the first day of 1970 and, once past midnight, on those after it.
+    """
+    if values.dtype.kind == "M":
+        return values
+    if not values.size or (found := _WRITTEN.match(str(values[0]).strip())) is None:
+        return None
+    text = pd.Series(values).astype(str).str.strip().str.replace(r"(:\d\d),(?=\d)", r"\1.", regex=True)
+    if found["day"]:
+        text = text.str.replace(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})\s+", _from_dotted, regex=True)
+    elif not found["year"]:
+        text = "1970-01-01 " + text.str.replace(r"^(?=\d:)", "0", regex=True)
+    try:
+        moments = pd.to_datetime(text, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy()
+    except ValueError:
+        return None
+    if not found["day"] and not found["year"]:
+        midnights = np.cumsum(np.append(False, np.diff(moments) < -np.timedelta64(12, "h")))
+        moments = moments + midnights * np.timedelta64(1, "D")
+    return moments
+
+
+def _from_dotted(date: re.Match[str]) -> str:
+    return f"{date[3]}-{int(date[2]):02d}-{int(date[1]):02d} "
+
+
+def unread_clock(table: Table) -> str:
+    """Why a column that tells the time of the day cannot be read, or is no clock that rises; empty where there is none."""
+    for name, values in table.columns.items():
+        if values.dtype.kind not in "fiubM" and values.size and re.search(r"\d:\d\d", str(values[0])):
+            try:
+                in_unit(table, name, "s", "pressure.time")
+            except InputError as error:
+                return str(error).removeprefix(f"{table.source}: ")
+            return f"column '{name}' is a clock that does not rise from row to row"
+    return ""
 
 
 def clock_zero_s(table: Table, name: str | None) -> float | None:

@@ -25,8 +25,8 @@ from rfea_vision.stages.stored import Stored
 from rfea_vision.stages.warnings import (
     LEAST_MEASURED,
     few_frames,
-    log_doubts,
     log_warnings,
+    misdeclared,
     reasons_of,
     say_warnings,
     warn_of_copies,
@@ -325,7 +325,7 @@ def _refuse_doubtful(
     log: PressureLog, time_s: FloatArray, experiment: ExperimentSpec, cause: Exception | None = None
 ) -> None:
     """Raise the doubt that a log is declared wrongly, by itself or beside the times (frames,) of a track, if there is one."""
-    if doubt := next((text for text in log_doubts(log, time_s) if "?" in text), ""):
+    if doubt := next(iter(misdeclared(log, time_s)), ""):
         raise InputError(f"{experiment.name}: pressure: {doubt}") from cause
 
 

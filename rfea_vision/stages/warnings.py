@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import ExperimentSpec, following, plausibility, repeats
+from rfea_vision.campaign.sensors import of_pauses, of_standstill
 from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_tube
 
@@ -51,6 +52,12 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
     """Doubts about how a log is declared, by itself and beside the times (frames,) of a track."""
     return plausibility.of_pressure(log) + plausibility.of_times(log.time_s, seen_s)
+
+
+def misdeclared(log: PressureLog, seen_s: FloatArray) -> list[str]:
+    """Those of them that keep it from being used: a stretch in which its rows stand still, or are missing, does not."""
+    passing = {*of_standstill(log.pressure_kPa), *of_pauses(log.time_s)}
+    return [text for text in log_doubts(log, seen_s) if "?" in text and text not in passing]
 
 
 def log_warnings(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, load_campaign
+from rfea_vision.errors import RfeaError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import declares, from_keywords
 from rfea_vision.progress import Listener
@@ -71,10 +72,17 @@ class Workspace(Runner):
         return values(self.each(names, self.recording_of, "synchronised"))
 
     def measured(self) -> dict[str, Recording | Track]:
-        """Return the recordings by name, and of runs without a pressure log the tracks."""
+        """Return the recordings by name, and the tracks of runs without a pressure log, or with one that is on no one clock with it."""
 
         def of(item: ExperimentSpec) -> Recording | Track:
-            return (self.track_of(item) if item.pressure.missing else self.recording_of(item)).value
+            tracked = self.track_of(item)
+            if not item.pressure.missing:
+                try:
+                    return self.recording_of(item).value
+                except RfeaError as error:
+                    why = str(error).removeprefix(f"{item.name}: ")
+                    self.tell(f"warning: {item.name}: taken by the track's own times, without pressure, because of {why}")
+            return tracked.value
 
         return self.each((), of, "measured")
 

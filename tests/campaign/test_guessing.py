@@ -353,3 +353,11 @@ def test_how_a_rigid_body_is_turned_is_told_to_need_an_angle(tmp_path):
     run.assign(angle_deg=np.degrees(2 * half)).to_csv(tmp_path / "run.csv", index=False)
     assert look(tmp_path / "run.csv").what == "both"
 
+
+
+def test_a_log_whose_clock_cannot_be_read_is_told_by_its_clock(tmp_path):
+    """It was said that no column looks like a pressure."""
+    file = tmp_path / "log.csv"
+    file.write_text("Zeit;Druck [bar]\n" + "".join(f"03/11/2026 14:03:1{k};0,{3 * k % 5}\n" for k in range(5)))
+    found = look(file)
+    assert found.what == "unknown" and found.note.startswith("column 'Zeit' holds no numbers") and "day or the month" in found.note

@@ -183,3 +183,15 @@ def test_after_tracks_of_which_some_have_a_log_these_are_synchronised(tmp_path, 
     assert run(["track", str(folder)]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == f"next: rfea sync {folder} -e steps" and run(["sync", str(folder), "-e", "steps"]) == 0
+
+
+def test_runs_that_are_not_synchronised_are_exported_by_the_times_of_their_tracks(tmp_path, capsys):
+    """The same film exported without a log, and stopped with the error of the clocks where it had one."""
+    folder = write_campaign(tmp_path / "c", {"steps": "train"})
+    run_file = folder / "steps" / "experiment.yaml"
+    run_file.write_text(run_file.read_text().replace("common_clock", "motion"))  # half a second is too short
+    for kind, ending in (("--csv", "csv"), ("--poses", "nc")):
+        assert run(["export", str(folder), str(tmp_path / "out"), kind]) == 0
+        assert "steps: taken by the track's own times, without pressure, because of" in " ".join(capsys.readouterr().err.split())
+        assert (tmp_path / "out" / f"steps.{ending}").is_file()
+    assert run(["export", str(folder), str(tmp_path / "out"), "--nwb"]) != 0

@@ -114,7 +114,7 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
             "'time_s' goes up and down, and 'pressure_kPa' rises in every row",
         ),
         ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
-        ("time_s,pressure_kPa\n12:30:00,1\n12:30:01,2\n", "'12:30:00'; export it in s, or as 2026-03-01 14:05:30.25"),
+        ("time_s,pressure_kPa\n03/11/2026 12:30:00,1\n03/11/2026 12:30:01,2\n", "day or the month comes first nobody can tell"),
         ("time_s,pressure_kPa\n86398,1\n86399,2\n0,1\n1,4\n", "passes midnight there: add 86400 s from that row on"),
         ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n", "clock was set back, add 7 s from that row on"),
         ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n0.5,3\n", "sort the log by time, or split it"),
@@ -237,3 +237,22 @@ def test_a_log_without_the_column_of_a_signal_is_told_what_can_be_done(channels,
     log = PressureLog(np.arange(3.0), np.zeros(3), channels={name: np.zeros(3) for name in channels})
     with pytest.raises(InputError, match=f"no column 'trigger' .*; {remedy}"):
         log.signal("trigger", None)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        ["2026-11-03 14:03:11,500", "2026-11-03 14:03:12", "2026-11-03 14:03:12,25"],
+        ["3.11.2026 14:03:11.500", "3.11.2026 14:03:12", "3.11.2026 14:03:12,25"],
+        ["14:03:11.500", "14:03:12", "14:03:12,25"],
+        ["23:59:59,5", "0:00:00", "00:00:00.25"],
+    ],
+    ids=["decimal comma", "dots", "time of the day", "over midnight"],
+)
+def test_clock_times_are_read_as_loggers_write_them(tmp_path, written):
+    """Each was refused with the advice to export it otherwise."""
+    file = tmp_path / "log.csv"
+    file.write_text("Zeit;Druck [bar]\n" + "".join(f"{moment};0,{k}\n" for k, moment in enumerate(written)))
+    log = read_pressure(PressureSpec(file, PressurePart(time="Zeit", pressure="Druck [bar]"), tmp_path))
+    np.testing.assert_allclose(log.time_s, [0.0, 0.5, 0.75])
+    np.testing.assert_allclose(log.pressure_kPa, [0.0, 10.0, 20.0])

@@ -99,6 +99,8 @@ class Table:
             if len(wrong) > 1 and np.isnan(numbers).all():
                 clock = re.search(r"\d:\d\d", str(values[row])) is not None
                 remedy = "export it in s, or as 2026-03-01 14:05:30.25, with the date" if clock else "export it as plain numbers"
+                if clock and re.match(r"\d+/\d+/\d+", str(values[row]).strip()):
+                    remedy = f"whether the day or the month comes first nobody can tell; {remedy}"
                 if re.fullmatch(r"[+-]?\d+,\d+", str(values[row]).strip()):  # of all columns it would have been read
                     remedy = "other columns have decimal points: export all of them with one decimal sign"
                 text = f"column '{name}' holds no numbers, but such as '{values[row]}'; {remedy}"
