@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -31,7 +31,9 @@ _OF_A_RUN = ("video.mp4", "track.csv", "pressure.csv")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def load_campaign(path: Path | str, out: Path | str | None = None, *, trust: bool = False) -> Campaign:
+def load_campaign(
+    path: Path | str, out: Path | str | None = None, *, trust: bool = False, only: Sequence[str] = ()
+) -> Campaign:
     """Load a campaign folder, or a lone folder with an experiment.yaml.
 
     Parameters
@@ -39,6 +41,7 @@ def load_campaign(path: Path | str, out: Path | str | None = None, *, trust: boo
     path : the folder, or its campaign.yaml
     out : where results go; default ``<campaign>/rfea``
     trust : let it read outside of its folder, and from database servers
+    only : names of the runs that alone are asked for: what is wrong with another one is no matter, unless they carry its memory
 
     Raises
     ------
@@ -47,6 +50,14 @@ def load_campaign(path: Path | str, out: Path | str | None = None, *, trust: boo
     """
     reading = read_campaign(path, out, trust=trust)
     errors = [problem for problem in reading.problems if problem.severity == "error"]
+    if only and errors and reading.campaign is not None and reading.blocked is None:
+        asked = [run for run in reading.campaign.experiments if run.name in only]
+        carried = [run.name for run in asked if run.memory == "carried"]
+        if len(asked) == len(set(only)) and not carried:
+            return reading.campaign
+        errors.sort(key=lambda problem: problem.experiment not in only)
+        if carried and errors[0].experiment not in only:
+            raise InputError(f"{errors[0]}; {carried[0]} carries the memory of the runs before it, and needs them")
     if errors or reading.campaign is None:
         more = f" ({len(errors) - 1} more: 'rfea check {path}' lists them)" if len(errors) > 1 else ""
         raise InputError(f"{errors[0]}{more}")

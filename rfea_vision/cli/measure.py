@@ -110,7 +110,7 @@ def track_command(
     """
     from rfea_vision.stages.measurement import facts_of_track
 
-    with opened(campaign, out, "track", "clip", force=force) as work:
+    with opened(campaign, out, "track", "clip", force=force, only=names) as work:
         tracks = work.each(names, work.track_of, "tracked")
         previews = work.preview(names) if preview else {}
         facts = {name: track.facts or facts_of_track(track.value) for name, track in tracks.items()}
@@ -172,7 +172,7 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
     """Track and pressure on one clock."""
     from rfea_vision.stages.measurement import facts_of_recording
 
-    with opened(campaign, out, "sync", force=force) as work:
+    with opened(campaign, out, "sync", force=force, only=names) as work:
         recordings = work.each(names, work.recording_of, "synchronised")
         facts = {name: found.facts or facts_of_recording(found.value) for name, found in recordings.items()}
     summary = [

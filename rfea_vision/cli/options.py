@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import UnionType
@@ -215,8 +215,10 @@ def _members(annotation: object) -> tuple[object, ...]:
 
 
 @contextmanager
-def opened(campaign: Path, out: Path | None, *stages: str, force: bool = False) -> Iterator[Workspace]:
-    """Open a campaign with bars on stderr while the block runs; with `force` these stages are redone."""
+def opened(
+    campaign: Path, out: Path | None, *stages: str, force: bool = False, only: Sequence[str] = ()
+) -> Iterator[Workspace]:
+    """Open a campaign with bars on stderr while the block runs; with `force` these stages are redone; `only` as in `load_campaign`."""
     from rfea_vision.campaign import load_campaign
     from rfea_vision.stages import Workspace
     from rfea_vision.stages.locks import locked
@@ -225,7 +227,7 @@ def opened(campaign: Path, out: Path | None, *stages: str, force: bool = False) 
     told = context is not None and context.meta.get(AGAIN) is False and not context.params.get("as_json")
     with ConsoleListener(told=told).shown() as listener:
         work = Workspace(
-            load_campaign(campaign, out, trust=trusted()), listener=listener, force=stages if force else ()
+            load_campaign(campaign, out, trust=trusted(), only=only), listener=listener, force=stages if force else ()
         )
         with locked(work.cache.lock, say=listener.note):
             try:

@@ -361,3 +361,17 @@ def test_folders_that_look_like_runs_and_are_not_read_are_said(campaign):
     assert len(said) == 2 and all(str(campaign) in text for text in said), said
     assert "monday/sine-2: is not read; move it up beside campaign.yaml" in said[0]
     assert "spare: is not read, as it has no experiment.yaml; write one" in said[1]
+
+
+def test_a_run_that_is_not_asked_for_stops_none_that_is(tmp_path):
+    """`rfea track -e steps` had stopped with the missing file of another run."""
+    folder = write_campaign(tmp_path / "c", {"steps": "train", "other": "train"})
+    (folder / "other" / "track.csv").unlink()
+    assert [run.name for run in load_campaign(folder, only=["steps"]).experiments] == ["steps"]
+    for only in ([], ["other"], ["steps", "other"]):
+        with pytest.raises(InputError, match=r"other.*track\.csv"):
+            load_campaign(folder, only=only)
+    file = folder / "steps" / "experiment.yaml"
+    file.write_text(file.read_text() + "memory: carried\n")
+    with pytest.raises(InputError, match="steps carries the memory of the runs before it, and needs them"):
+        load_campaign(folder, only=["steps"])
