@@ -306,7 +306,7 @@ class BodyFollower:
     def _predicted(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
         """The body of the last frame that was measured, moved as flow tells, and the covariance of this movement."""
         last, spread = self.last.body, self._spread()
-        near, told, carried = flown(self.last, lab, self.wall, self.foot[0])
+        near, told, carried = flown(self.last, lab, self.wall)
         told[ALONG, ALONG] *= TRUSTED
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
             near = as_long(self.wall.cleared(lab), near, self.skin.colours, self.first.length).likeliest

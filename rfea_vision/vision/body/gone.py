@@ -52,8 +52,8 @@ REACHED = 1.5  # times as long as it is: what a body may be, so much of a way is
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
 
-def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[SeenBody, FloatArray, float]:
-    """The body of an earlier frame, moved and stretched by flow from `foot` (2,) on: near enough for its skin to be recognised.
+def flown(last: Sight, picture: Picture, wall: Wall) -> tuple[SeenBody, FloatArray, float]:
+    """The body of an earlier frame, moved and stretched by flow from its clamp on: near enough for its skin to be recognised.
 
     And the information (25, 25) px^-2 that this displacement is, and the share that flow has carried of what slopes of the skin tell
     along the body: of its length.
@@ -88,7 +88,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     inner = np.abs(body.length - 2.0 * body.lengths) < body.length - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
     textured = _textured(seen, before[middles, 0], tangents[FLOW_ALONG]) * (inner & last.body.told)[FLOW_ALONG]
     known = textured * kept[middles]
-    line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
+    line = body.points + n[:, None] * normals + t[:, None] * tangents
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
     gains, stretched = _stretch(beyond, known, body.length)
     ways = [replace(body, points=spaced(line, last.body.lengths, gained)) for gained in (0.0 * gains, gains)]
