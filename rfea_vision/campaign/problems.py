@@ -127,16 +127,17 @@ def _as_meant(found: Sequence[Any], files: tuple[YamlFile, ...]) -> list[Any]:
     astray = {item["loc"][:-1] for item in found if item["type"] in ("extra_forbidden", "missing")}
     meant = {item["loc"][:-1] for item in found if len(item["loc"]) > 1} - astray
 
-    def misled(place: tuple[str | int, ...], name: str, kind: str) -> bool:
+    def misled(item: Any) -> bool:
+        kind, place = item["type"], item["loc"][:-1]
         if kind not in ("extra_forbidden", "missing") or not place:
             return False
         of_a_kind = isinstance(place[-1], str) and _keys_as_written(place, files, keep_last=False)[-1] != place[-1]
         if of_a_kind and any(other[:-1] == place[:-1] and isinstance(other[-1], str) for other in meant):
             return True
         beside = [str(other[-1]) for other in unknown if other[:-1] == place]
-        return kind == "missing" and any(of_a_kind or closest(other, [name]) for other in beside)
+        return kind == "missing" and any(of_a_kind or closest(other, [str(item["loc"][-1])]) for other in beside)
 
-    return [item for item in found if not misled(item["loc"][:-1], str(item["loc"][-1]), item["type"])]
+    return [item for item in found if not misled(item)]
 
 
 def _explain(item: Any, model: type[BaseModel]) -> str:
