@@ -331,7 +331,7 @@ class Rung(_Json):
     uncertain_because: str = ""
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
     probability: float | None = Field(default=None, ge=0, le=1)  # in the diagnosis below, which chose
-    share: float | None = None  # gone with the rung's own fit, over the floor by which the rung is judged
+    share: float | None = None  # gone with the rung's own fit, over its floor; null while the ladder is climbed
 
     @classmethod
     def of(cls, fit: ModelFit, **more: Any) -> Rung:

@@ -61,7 +61,7 @@ def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: xr.Dataset | No
 
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:
-    """Return the rung of a model, above those `below`."""
+    """Return the rung of a model, above those `below`, of a ladder that is still climbed: `share` is counted once it ends."""
     from rfea_vision.effects.catalogue import plain  # brings SymPy: only where a ladder is climbed
 
     known, own = {rung.added for rung, _ in below}, [plain(effect) for effect in model.effects]
@@ -79,7 +79,6 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, D
         uncertain_because=diagnosis.uncertain_because,
         grade=None if added is None else "named" if added in before.named else "stand-in",
         probability=candidate.probability if candidate else None,
-        share=candidate.share if candidate else None,
     )
 
 

@@ -114,13 +114,14 @@ def test_a_rung_of_an_unfinished_ladder_tells_how_sure_its_effect_was():
     rungs = [(rung_of(model(), said, []), said)]
     assert (rungs[0][0].added, rungs[0][0].grade, rungs[0][0].probability) == (None, None, None)
     expected = {
-        ("mullins:linear",): ("mullins", "named", 0.9, 0.7),
-        ("mullins:linear", "drag"): ("drag", "stand-in", 0.2, 0.4),
+        ("mullins:linear",): ("mullins", "named", 0.9),
+        ("mullins:linear", "drag"): ("drag", "stand-in", 0.2),
     }
     for effects, added in expected.items():
         rungs.append((rung_of(model(*effects), said, rungs), said))
         rung = rungs[-1][0]
-        assert (rung.added, rung.grade, rung.probability, rung.share) == added
+        assert (rung.added, rung.grade, rung.probability) == added
+        assert rung.share is None, "what was foretold is not what is gone"
 
 
 def test_a_claim_is_counted_once_for_a_tie_and_a_hidden_law_that_was_never_tried_as_missed():
