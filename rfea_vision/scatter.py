@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import median_filter
 
 from rfea_vision.arrays import FloatArray
 
@@ -43,3 +44,22 @@ def rounding_noise(values: FloatArray) -> float:
     steps = np.abs(np.diff(np.sort(values, axis=0), axis=0))
     steps = steps[steps > 1e-9 * max(1.0, float(np.abs(values).max()))]
     return float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
+
+
+#: Frames about one that tell what the tube does there: of fewer, bursts of wrong frames would be taken for it.
+ABOUT_FRAMES = 51
+
+
+def leaps(signal: FloatArray, noise: float = 0.0) -> NDArray[np.bool_]:
+    """Which frames (n,) of a motion (n, k) stand out alone from their neighbours, by more than `noise` and what it does elsewhere."""
+    if signal.shape[0] < 9:
+        return np.zeros(signal.shape[0], dtype=bool)
+    padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
+    window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
+    deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
+    # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
+    # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
+    about = median_filter(deviation, ABOUT_FRAMES, mode="nearest")
+    scale = 12 * np.maximum(np.median(deviation), about) + noise
+    spread = np.ptp(window, axis=-1).max(axis=1)
+    return (deviation > np.maximum(scale, 1e-9)) & (deviation >= 0.5 * np.median(spread))

@@ -336,10 +336,11 @@ def _tube(table: Table) -> tuple[Key, ...]:
 
 def _reached(x: np.ndarray, y: np.ndarray) -> tuple[Key, ...]:
     """The tube's length and side, from where its tip has been (rows,) mm from the clamp."""
-    farthest, moved = float(np.hypot(x, y).max()), across(np.column_stack([x, y]))
+    farthest = float(np.percentile(np.hypot(x, y), 99))  # a single leap of the track is no length
+    sides = np.percentile(across(np.column_stack([x, y])), (1, 99))
     return (
-        Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp"),
-        Key("bends", "left" if moved[np.argmax(np.abs(moved))] < 0 else "right", "where the tip has gone farthest"),
+        Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp, but for a hundredth of the rows"),
+        Key("bends", "left" if sides.sum() < 0 else "right", "where the tip has gone farthest"),
     )
 
 

@@ -41,6 +41,7 @@ _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 _OTHERWISE = 4.0
 # distance of the tip from the clamp, in lengths of the tube: a soft arm stretches a little, and markers stand a little off
 _REACH = 1.15
+_USUAL = 99  # percentile of those distances that counts: single leaps of a track tell no length
 # share of its length by which the tip of a driven tube moves to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
 # s, and share of the film, that the picture must stand still: slips of a recorder last for a few pictures
@@ -148,7 +149,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         text = (
             _of_places(tip, lines, length_mm)
             or ("" if lines is None else _folded(lines))
-            or _of_length(lines, float(np.hypot(*tip.T).max()), length_mm)
+            or _of_length(lines, float(np.percentile(np.hypot(*tip.T), _USUAL)), length_mm)
             or _of_errors(track, length_mm)
             or _of_axes(tip, str(track.attrs.get("bends", "left")), length_mm)
         )
@@ -170,7 +171,7 @@ def _of_places(tip: FloatArray, lines: FloatArray | None, length_mm: float) -> s
         return text
     if off.any():
         return f"{at_most}; are these mm? And is the clamp where x and y are 0?"
-    if far > _REACH * length_mm:
+    if np.percentile(distance, _USUAL) > _REACH * length_mm:
         return f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
     return ""
 

@@ -12,7 +12,7 @@ from rfea_vision.lines import along
 if TYPE_CHECKING:
     import xarray as xr
 
-# of the farthest that its tip ever reaches: a tube that bends by 40 degrees keeps 98 % of it
+# of the farthest that its tip ever reaches, but for a hundredth of the rows: a tube that bends by 40 degrees keeps 98 % of it
 _STRAIGHT = 0.98
 
 
@@ -45,7 +45,7 @@ def across(tip: FloatArray) -> FloatArray:
     Markers that stand beside the line put a straight tube's tip beside its clamp, too.
     """
     reach = np.hypot(*tip.T)
-    begins_straight = np.median(reach[: max(1, len(tip) // 20)]) > _STRAIGHT * reach.max()
+    begins_straight = np.median(reach[: max(1, len(tip) // 20)]) > _STRAIGHT * np.percentile(reach, 99)
     return tip[:, 0] - (begins_at(tip)[0] if begins_straight else 0.0)
 
 

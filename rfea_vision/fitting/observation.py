@@ -7,7 +7,6 @@ import json
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Recording, bend_sign
@@ -19,6 +18,7 @@ from rfea_vision.fitting.nuisance import BEFORE_S
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.release import Held, release_frame, release_time_s
 from rfea_vision.options.fit import Observe
+from rfea_vision.scatter import leaps
 
 FITTED_NODES = 8  # of the centre line, evenly spaced, beside that at the clamp
 ORIGIN_SIGMA_MM = 0.1  # of a track that does not say it, see `residuals.origin_shift`
@@ -32,8 +32,6 @@ STEPS_PER_PERIOD = 5
 SLOWEST_STEP_S = 8e-3
 #: Log before the first frame that is simulated too, at most; what came before has died away by the first frame after half.
 LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
-#: Frames about one that tell what the tube does there: of fewer, bursts of wrong frames would be taken for it.
-ABOUT_FRAMES = 51
 #: A log whose pressure stands still for this long at first is taken to begin with the tube at rest.
 STILL_PA, STILL_S = 1e3, 0.25
 
@@ -87,18 +85,7 @@ def _points(
 def _without_jumps(points: FloatArray, angle: FloatArray, sigma: FloatArray) -> NDArray[np.bool_]:
     """Frames whose tip does not stand out alone from its neighbours (base and tip swapped, a reflection caught)."""
     signal = points[:, -1] if points.shape[1] else angle[:, None]
-    if signal.shape[0] < 9:
-        return np.ones(signal.shape[0], dtype=bool)
-    padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
-    window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
-    deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
-    # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
-    # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
-    about = median_filter(deviation, ABOUT_FRAMES, mode="nearest")
-    noise = 10 * np.median(sigma[:, -1]) if sigma.shape[1] else 0.0
-    scale = 12 * np.maximum(np.median(deviation), about) + noise
-    spread = np.ptp(window, axis=-1).max(axis=1)
-    return (deviation <= np.maximum(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
+    return ~leaps(signal, 10 * np.median(sigma[:, -1]) if sigma.shape[1] else 0.0)
 
 
 def observe_recording(

@@ -42,11 +42,14 @@ COARSE_S = 0.006  # a twentieth of the shortest period of the band
 LEAST_OVERLAP_S, LEAST_FRAMES = 1.0, 60  # a period of LOW_HZ, nearly
 HIGHEST_OF_LOG_RATE = 0.15  # of the log's rate: a third of what it can show
 BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard error
+LEAST_SWING_KPA = 1.0  # a log that moves by less is flat
+FLAT_REMEDY = "check the column and its unit, say 'pressure: {value: 50 kPa}' of a run at constant pressure, or use sync.method offset"
 LEAST_SWING_DEG = 1.0  # less is hardly told from noise
 SLOWEST_RAD_S = 10.0  # first mode of a slow tube, where the angle alone does not tell it
 ONE_ANGLE = "tip or angle alone do not show the tube's shape: the bend's own delay along the tube is within the error"
 COUNTED_DRIFT = "drift taken into account"
 REMARKS = frozenset({ONE_ANGLE, COUNTED_DRIFT})  # what a person need do nothing about
+LEFT_THE_PEAK = "the tube does more than the law of the clocks (it rubs, or remembers): the fit is left to find the best offset"
 LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
 
 
@@ -84,13 +87,15 @@ def align_by_motion(
     log_rate = 1.0 / float(np.median(np.diff(log_time_s)))
     seen = FilteredMotion.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
+    if (swing := float(np.ptp(target.smooth))) < LEAST_SWING_KPA:
+        raise DataError(f"{experiment}: pressure: the log is flat but for its noise ({swing:.2f} kPa once smoothed); {FLAT_REMEDY}")
     if is_slow(seen, target):
         found = align_by_bend(seen, target, experiment=experiment, bends=bends)
     else:
         found = align_by_law(seen, target, experiment=experiment)
     if found.explained < LEAST_EXPLAINED:
         told = f"the motion explains only {100 * max(found.explained, 0.0):.0f} % of the pressure at any offset"
-        why = "check that video and log belong together"
+        why = "check that motion and log belong together"
         if found.explained == 0.0:
             told = f"at any offset too few of {len(time)} tracked frames lie within the log, beside gaps and what is lost at the ends"
             why = "record longer, or at a higher rate"
@@ -123,6 +128,10 @@ def align_by_law(seen: FilteredMotion, target: Target, *, experiment: str) -> Al
         return Alignment(float(offsets[best]), explained=float(shares[best]))
     repeats, doubt_s = repetition(offsets, shares, own, slowest_s=1 / LOW_HZ, experiment=experiment)
     found = refine(seen, target, float(offsets[best]), (offsets, shares))
+    away_s = abs(found.offset_s - float(offsets[best]))
+    if away_s > 0.5 / seen.high and found.explained < shares[best]:  # it has left the peak, beyond which no slope leads
+        kept = replace(found, offset_s=float(offsets[best]), drift_ppm=0.0, explained=float(shares[best]))
+        found = replace(kept, offset_stderr_s=float(np.hypot(found.offset_stderr_s, away_s)), note=LEFT_THE_PEAK)
     note = "; ".join(filter(None, [repeats, found.note]))
     return replace(found, offset_stderr_s=float(np.hypot(found.offset_stderr_s, doubt_s)), note=note)
 

@@ -31,6 +31,7 @@ from scipy.signal import lfilter
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.lines import from_down
+from rfea_vision.scatter import leaps
 
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
 SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES
@@ -84,6 +85,8 @@ def gravity_of(gravity_deg: float | None) -> tuple[float, float]:
 def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> ObservedMotion:
     """Valid frames of a track as an `ObservedMotion`; midline (of five nodes or more), bend angle or tip, whichever is the first there.
 
+    Frames that stand out alone from their neighbours, as where a marker is mistaken, are left out.
+
     gravity_deg : where gravity points, as in `gravity_of`
     """
     dataset, valid = track.dataset, track.valid
@@ -102,6 +105,8 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
     first = np.concatenate([[True], np.diff(time) > 1e-9])
     time = time[first]
     found = np.asarray(found[first] if modal else np.unwrap(found[first], axis=0), dtype=float)
+    steady = ~leaps(found)
+    time, found = time[steady], found[steady]
     new = ~repeated(time, found)
     return ObservedMotion(time[new], found[new], length, modal, int(np.sum(~new)), gravity_of(gravity_deg))
 

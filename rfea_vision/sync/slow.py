@@ -77,7 +77,7 @@ def align_by_bend(seen: FilteredMotion, target: Target, *, experiment: str, bend
         if len(offsets) and shares[against] * covered[against] < -LEAST_EXPLAINED:
             use = solid & target.inside(times + offsets[against])
             check_direction(law[use, 0], _values(target, times[use], float(offsets[against])), experiment=experiment, bends=bends)
-        why = short_log(times, target.time, LEAST_COVERED) or "check that video and log belong together"
+        why = short_log(times, target.time, LEAST_COVERED) or "check that motion and log belong together"
         raise DataError(
             f"{experiment}: sync: the pressure changes slowly, and the bend explains only {100 * max(told, 0.0):.0f} % of it at any "
             f"offset, which is little for so slow a change; {why}, or use sync.method offset"
@@ -102,7 +102,8 @@ def align_by_bend(seen: FilteredMotion, target: Target, *, experiment: str, bend
     low, high = float(offsets[alike].min()), float(offsets[alike].max())
     error = float(np.hypot((high - low) / (2 * 1.96), LAG_S))
     curve = (offsets, np.maximum(shares * covered, 0.0))
-    return Alignment(0.5 * (low + high), error, explained=told, curve=curve, note=slow_note(high - low))
+    note = slow_note(high - low) if high > low else ""
+    return Alignment(0.5 * (low + high), error, explained=told, curve=curve, note=note)
 
 
 def _values(target: Target, times: FloatArray, offset: float) -> FloatArray:

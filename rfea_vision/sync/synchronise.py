@@ -14,10 +14,8 @@ from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.sync.alignment import Alignment
-from rfea_vision.sync.motion import align_by_motion
+from rfea_vision.sync.motion import FLAT_REMEDY, LEAST_SWING_KPA, align_by_motion
 from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
-
-LEAST_SWING_KPA = 1.0  # a log that moves by less is flat
 
 
 def synchronise(
@@ -159,7 +157,7 @@ def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, 
         )
     if moving and swing < LEAST_SWING_KPA:
         raise DataError(
-            f"{experiment}: pressure: the log is flat ({swing:.2f} kPa); check the column and its unit, or use sync.method offset"
+            f"{experiment}: pressure: the log is flat ({swing:.2f} kPa); {FLAT_REMEDY}"
         )
     if (samples := _clipped(pressure_kPa)) == 0:
         return []

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from rfea_vision.campaign import load_campaign, read_campaign
+from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.from_files import write_campaign_from
 from rfea_vision.campaign.guess import look
 from rfea_vision.campaign.schema import CampaignFile
@@ -361,3 +362,15 @@ def test_a_log_whose_clock_cannot_be_read_is_told_by_its_clock(tmp_path):
     file.write_text("Zeit;Druck [bar]\n" + "".join(f"03/11/2026 14:03:1{k};0,{3 * k % 5}\n" for k in range(5)))
     found = look(file)
     assert found.what == "unknown" and found.note.startswith("column 'Zeit' holds no numbers") and "day or the month" in found.note
+
+
+def test_a_leap_of_a_track_is_not_taken_for_the_tubes_length_or_side(tmp_path):
+    """Of a finger of 120 mm, whose marker was mistaken in a few rows, the length was guessed as 127 mm and doubted as 141 mm."""
+    table = tip_track("left")
+    table.loc[20, ["tip_x_mm", "tip_y_mm"]] = [139.0, -30.0]
+    table.to_csv(tmp_path / "step_tracking.csv", index=False)
+    pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}).to_csv(tmp_path / "step-pressure.csv", index=False)
+    write_campaign_from(tmp_path, [tmp_path])
+    campaign = load_campaign(tmp_path)
+    assert campaign.actuator.bends == "left" and campaign.actuator.length == pytest.approx(0.120, rel=2e-3)
+    assert not [item for item in check_campaign(tmp_path).problems if "actuator.length" in str(item)]

@@ -181,7 +181,7 @@ def test_a_clock_in_ms_is_named_where_the_clocks_do_not_meet(tmp_path):
     track.assign(time_s=1000 * track["time_s"]).to_csv(campaign / "steps" / "track.csv", index=False)
     answer = rfea("sync", campaign)
     assert answer.code == 2 and "steps: pressure: the log lasts 0.499 s" in answer.err
-    assert "is the time of the pictures in ms?" in answer.err and "video and log belong" not in answer.err
+    assert "is the time of the pictures in ms?" in answer.err and "motion and log belong" not in answer.err
 
 
 def test_an_interrupt_that_the_compiler_swallows_is_no_fault(monkeypatch, capsys):
