@@ -18,7 +18,7 @@ from rfea_vision.fitting.residuals import as_rigged
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.units import rounded
 
-DURATION_S = 8.0  # of the proposed run: room for two swings up and down, and pauses
+DURATION_S = 8.0  # of the proposed run at its usual pace: room for two swings up and down, and pauses
 STEP_S = 2e-3  # of its pressure; valves are slower
 #: Steps of the search for pace and amplitude, how often both are tried, and the slowest pace (its inverse is the fastest).
 PACES, AMPLITUDES, ROUNDS, SLOWEST = (0.5, 0.7, 1.4, 2.0), (0.5, 0.7, 1.4), 3, 0.25
@@ -93,7 +93,7 @@ def _seen(fitted: Fitted, like: Observed, pressure: FloatArray, unit: str) -> Fl
     """What a camera would see of a pressure on a rig: middle and tip (frames, 4) in mm, or the bend angle (frames, 1) in deg."""
     model, par, _ = as_rigged(fitted.model, fitted.par, like)
     excitation = Excitation(0.0, STEP_S, pressure, chambers=_shared(pressure, like))
-    times = np.arange(0, DURATION_S - 0.02, 0.01)
+    times = np.arange(0, pressure.size * STEP_S - 0.02, 0.01)
     motion = model.simulate(par, excitation, times)
     if not motion.ok:
         return None
@@ -126,16 +126,17 @@ class _Design:
             if high <= 0.5
             else f"from {low:.0f} to {high:.0f}"
         )
-        return f"{self.shape}{how} ({reach} kPa)"
+        return f"{self.shape}{how} ({reach} kPa, {pressure.size * STEP_S:.3g} s)"
 
 
 def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> FloatArray:
     """A profile (samples,) in Pa with another amplitude about its first pressure and at another pace, no steeper than `rate` (Pa/s).
 
-    Faster ones are repeated until the time is over; of slower ones the end is cut.
+    Faster ones are repeated until the time is over; slower ones take longer.
     """
     t = np.arange(target.size) * STEP_S
-    played = np.interp((t * pace) % (t[-1] + STEP_S), t, target)
+    at = np.arange(round(target.size / min(pace, 1.0))) * STEP_S
+    played = np.interp((at * pace) % (t[-1] + STEP_S), t, target)
     rest = float(target[0])
     return _limited(rest + amplitude * (played - rest), rate)
 

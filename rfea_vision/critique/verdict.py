@@ -227,7 +227,7 @@ def _missing(search: Search, found: Verdict) -> str:
         f"{foreseen(found.best.errors.held)} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
     )
     for tie in found.tied:
-        text += f" These data cannot tell {tie.effects[0]} from {' or '.join(tie.effects[1:])}: {tie.split_by} would."
+        text += f" These data cannot tell {tie.effects[0]} from {' or '.join(tie.effects[1:])}. What would: {tie.split_by}."
     return text
 
 

@@ -69,6 +69,7 @@ def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
     assert diagnosis.verdict == "missing"
     assert set(diagnosis.tied[0].effects) == {"rest_curvature", "pressure_offset"}
     assert diagnosis.named[0] in diagnosis.tied[0].effects
+    assert diagnosis.sentence.endswith(f"What would: {diagnosis.tied[0].split_by}.")  # "... hysteresis does not would." was said
     assert diagnosis.next_experiment is not None and judgement.next_pressure is not None
     assert set(diagnosis.next_experiment.separates) == {"rest_curvature", "pressure_offset"}
     assert "RMS apart, less than a noise floor of 0.0" in diagnosis.next_experiment.sentence

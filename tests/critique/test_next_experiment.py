@@ -50,6 +50,23 @@ def _within(low, high, rate):
             assert np.abs(np.diff(other)).max() <= rate * STEP_S * (1 + 1e-9)
 
 
+def test_a_slower_run_is_played_to_its_end_and_its_length_is_told(monkeypatch):
+    """'The same cycle twice, 2 times as slow' was cut after 8 s, in which there is one cycle."""
+    cycles = profiles(0.0, 9e4, 1e6, seed=3)["the same cycle twice after a rest"]
+    slow = shaped(cycles, 1.0, 0.5, 1e6)
+    assert slow.size == 2 * cycles.size and slow[-1] == 0
+    peaks = np.flatnonzero(np.diff(np.sign(np.diff(slow))) < 0)
+    assert peaks.size == 2 and np.ptp(slow[slow.size // 2 :]) == pytest.approx(9e4, rel=0.01)
+    still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.linspace(0, 9e4, 500), step_s=1e-3), has_tip=True)
+    longer = [SimpleNamespace(lag=0.0), SimpleNamespace(lag=1.0)]  # the farther apart, the longer the run
+    monkeypatch.setattr(
+        "rfea_vision.critique.next_experiment._seen", lambda fitted, like, pressure, unit: np.full((9, 4), fitted.lag * pressure.size)
+    )
+    planned, pressure = design_next(SimpleNamespace(train=[still]), longer, ("maxwell", "coulomb"), 0, 0.1)  # type: ignore[arg-type]
+    assert planned is not None and pressure is not None
+    assert f"kPa, {pressure.log_time.values[-1] + STEP_S:.3g} s)" in planned.sentence
+
+
 def test_no_pressure_is_proposed_for_a_rig_that_has_none():
     """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
     still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
