@@ -54,9 +54,17 @@ _PACKAGES = (
     "av",
 )
 
+_OF_CAMERAS = {"opencv-python-headless", "av"}  # no part in what began with a track of another tool
+
 _ROLES = {"train": "training", "validate": "held out", "test": "test"}
 _LOSSES = {"huber": "the robust loss of Huber (least squares, in which what lies far off counts linearly)"}
 _OBSERVED = {"midline": "centre line", "tip": "tip", "tip_y": "height of the tip", "angle": "bend angle"}
+
+
+def references(evidence: Evidence) -> str:
+    """What a methods section refers to, as BibTeX: the calibration by a board only where there was one."""
+    entries = BIBTEX.split("\n@")
+    return "\n@".join(entry for entry in entries if "zhang2000" not in entry or "(Zhang 2000)" in _measurement(evidence))
 
 
 def versions() -> dict[str, str]:
@@ -72,7 +80,8 @@ def versions() -> dict[str, str]:
 
 def methods(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> list[str]:
     """Paragraphs for a methods section, about the model of `step`."""
-    software = "Software: " + ", ".join(f"{name} {number_}" for name, number_ in versions().items()) + "."
+    used = {name: number_ for name, number_ in versions().items() if evidence.camera or name not in _OF_CAMERAS}
+    software = "Software: " + ", ".join(f"{name} {number_}" for name, number_ in used.items()) + "."
     parts = (_measurement(evidence), _model(evidence, step, titles), _selection(evidence, titles), software)
     return [part for part in parts if part]
 
@@ -100,7 +109,8 @@ def _measurement(evidence: Evidence) -> str:
             {str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""}
         )
         if methods_used:
-            text += f"Camera and pressure log were brought onto one clock by {listing(SYNC_METHODS.get(m, m) for m in methods_used)}. "
+            other = "Camera" if evidence.camera else "Track"
+            text += f"{other} and pressure log were brought onto one clock by {listing(SYNC_METHODS.get(m, m) for m in methods_used)}. "
     if any(run.recording is not None and "edges" in run.recording for run in runs):  # else it came with a track
         text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
     return text.strip()

@@ -77,7 +77,7 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = (), runs: Coll
         unit=shown[-1].unit if shown else "mm", in_words=lambda text: prose.in_words(text, evidence, titles),
         ended=prose.how_it_ended(evidence, titles),
         methods=[methods.methods(evidence, step, titles) for step in evidence.steps],
-        in_order=lambda scores: _in_order(evidence, scores), bibtex=methods.BIBTEX, versions=methods.versions(),
+        in_order=lambda scores: _in_order(evidence, scores), bibtex=methods.references(evidence), versions=methods.versions(),
         manifest=safe_json(manifest), packed=Markup(packed), clips=clips, style=static("style.css"),
         scripts=Markup("\n").join(static(f"{name}.js") for name in SCRIPTS),
     )  # fmt: skip

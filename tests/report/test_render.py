@@ -60,6 +60,16 @@ def test_the_methods_do_not_tell_how_another_tools_track_was_made(copy: Path) ->
     assert "sides of the silhouette" not in page_of(copy)
 
 
+def test_the_methods_of_other_tools_tracks_tell_of_no_camera(copy: Path) -> None:
+    """They said that a camera was brought onto the log's clock, and referred to its calibration and to the reader of films."""
+    assert "zhang2000" in page_of(copy)
+    shutil.rmtree(copy / "calibration")
+    text = words(page_of(copy))
+    assert "Track and pressure log were brought onto one clock" in text and "Camera and pressure log" not in text
+    assert "zhang2000" not in text and "opencv" not in text and "kelageri2018" in text and "kennedy2001" in text
+    assert "Every frame of every run was used" not in text
+
+
 def test_the_methods_say_which_loss_was_minimised(copy: Path) -> None:
     assert "training runs by least squares. " in words(page_of(copy))
     for path in copy.glob("models/*/model.json"):
