@@ -62,8 +62,8 @@ def _registry() -> pint.UnitRegistry:
 
 
 @cache
-def _unit(text: str) -> pint.Unit:
-    """Parse a unit, or raise a ValueError that suggests the one probably meant."""
+def _unit(text: str, like: str = "") -> pint.Unit:
+    """Parse a unit, or raise a ValueError that suggests the one probably meant, of those that measure what `like` does."""
     import pint
 
     if len(text) > _LONGEST_UNIT or len(_POWER.findall(text)) != len(_POWER_OF_A_UNIT.findall(text)):
@@ -75,9 +75,10 @@ def _unit(text: str) -> pint.Unit:
         if isinstance(error, pint.UndefinedUnitError) or text:
             if text in _SIGNS:
                 raise ValueError(f"unknown unit '{text}'; write '{_SIGNS[text]}'") from error
-            lowered = {name.lower(): name for name in _PLAIN_UNITS}
+            lowered = {name.lower(): name for name in _PLAIN_UNITS if not like or _unit(name).is_compatible_with(_unit(like))}
             close = difflib.get_close_matches(text.lower(), lowered, n=1, cutoff=0.5)
-            hint = f"; did you mean '{lowered[close[0]]}'?" if close else ""
+            known = f"; write one such as {', '.join(lowered.values())}" if like and lowered else ""
+            hint = f"; did you mean '{lowered[close[0]]}'?" if close else known
             raise ValueError(f"unknown unit '{text}'{hint}") from error
         raise
 
@@ -99,7 +100,7 @@ def conversion_factor(unit: str, to: str) -> float:
         (kind, value), (other, size) = _PLAIN_UNITS[unit], _PLAIN_UNITS[to]
         if kind == other:
             return value / size
-    have, want = _unit(unit), _unit(to)
+    have, want = _unit(unit, to), _unit(to)
     if have.dimensionality != want.dimensionality:
         alike = [name for name in _PLAIN_UNITS if name.lower() == unit.lower() and _unit(name).is_compatible_with(want)]
         hint = f"did you mean '{alike[0]}'?" if alike else f"write one that converts to '{to}'"

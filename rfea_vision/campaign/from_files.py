@@ -51,7 +51,7 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
     """
     if (folder / "campaign.yaml").exists():
         raise InputError(f"{folder / 'campaign.yaml'}: is there already and is left as it is; choose another folder")
-    found = [look(path) for path in _expanded(files)]
+    found = [_opened(look(path)) for path in _expanded(files)]
     runs, alone = _runs(found)
     if not runs:
         seen = "; ".join(f"{item.path.name}: {item.note or item.what}" for item in found[:6])
@@ -59,9 +59,9 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
             f"{folder}: none of the files holds a film or a track ({seen}); give those of at least one run"
         )
     draft = _Draft(folder)
-    pages = {
-        folder / run.name / "experiment.yaml": draft.experiment(run, held_out=len(runs) > 1 and run is runs[-1]) for run in runs
-    }
+    logged = [run for run in runs if run.log is not None]
+    last = (logged if len(logged) > 1 else runs)[-1]  # a run without a pressure judges no model
+    pages = {folder / run.name / "experiment.yaml": draft.experiment(run, held_out=len(runs) > 1 and run is last) for run in runs}
     pages[folder / "campaign.yaml"] = draft.campaign(runs, [item.path for item in found if item.what == "picture"])
     write_new(pages)
     left_out = [f"{item.path}: {item.note or 'belongs to no film or track'}" for item in alone]
@@ -83,6 +83,19 @@ def _expanded(files: Sequence[Path]) -> list[Path]:
     if len(out) > _MOST_FILES:
         raise InputError(f"--from: {len(out)} files, {_MOST_FILES} at most; name those of one campaign")
     return out
+
+
+def _opened(item: FileGuess) -> FileGuess:
+    """A file as it is, but a film that cannot be opened as one that is unknown, and why."""
+    if item.what != "film":
+        return item
+    from rfea_vision.readers.video import open_video  # brings FFmpeg with it
+
+    try:
+        open_video(item.path)
+    except InputError as error:
+        return replace(item, what="unknown", note=str(error).removeprefix(f"{item.path}: video.file "))
+    return item
 
 
 def _stem(path: Path) -> str:

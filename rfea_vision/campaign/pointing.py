@@ -15,6 +15,8 @@ from rfea_vision.lines import along
 
 #: Of the way from clamp to tip, by which the tip lies above where gravity points down: a tube that hangs and bends by 90 deg has none.
 _UPWARDS = 0.5
+#: Cosine of the angle between a clamp's two points and the way on from it, 10 degrees: the end of a bow of 160 degrees lies so.
+_ALONG = 0.985
 #: Times as wide as the tube is, or as long, by the scale, and as narrow: chosen, a diameter given as a radius is twice as wide, and a
 #: tube that bends is shorter from clamp to tip.
 _OTHER_SIZE = 1.5
@@ -100,7 +102,7 @@ def of_guide(hints: Hints, film: Film) -> list[tuple[str, str]]:
 
 def of_hints(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
     """Doubt hints that contradict one another, or the rig: the key under `camera`, and why."""
-    return _forbidden(hints) + _upside_down(hints, gravity_deg)
+    return _forbidden(hints) + (_along(hints) or _upside_down(hints, gravity_deg))
 
 
 def _forbidden(hints: Hints) -> list[tuple[str, str]]:
@@ -115,6 +117,25 @@ def _forbidden(hints: Hints) -> list[tuple[str, str]]:
                 where = f"{'within' if within else 'outside'} the box {[left, top, width, height]}"
                 found[key] = f"{name} lies {where}; it is x, y, width and height"
     return list(found.items())
+
+
+def _along(hints: Hints) -> list[tuple[str, str]]:
+    """A clamp whose two points lie one behind the other on the way to the tube, not across it."""
+    if hints.clamp is None or hints.tip is None:
+        return []
+    edges = np.asarray(hints.clamp, dtype=float)
+    ahead = np.asarray((*hints.centre_line, hints.tip)[0], dtype=float) - edges.mean(axis=0)
+    across, wide = edges[1] - edges[0], float(np.linalg.norm(edges[1] - edges[0]))
+    if not wide < np.linalg.norm(ahead) or abs(across @ ahead) < _ALONG * wide * np.linalg.norm(ahead):
+        return []
+    key = "camera.centre_line" if hints.centre_line else "camera.tip"
+    return [
+        (
+            "clamp",
+            f"its two points lie one behind the other as seen from {key}, and they are the two edges of one cross-section; point at "
+            "these, or are x and y exchanged? x counts to the right, y down",
+        )
+    ]
 
 
 def _upside_down(hints: Hints, gravity_deg: float | None) -> list[tuple[str, str]]:
@@ -148,7 +169,9 @@ def outside(camera: CameraSpec, film: Film) -> list[tuple[str, str]]:
         places = np.array(points, dtype=float).reshape(-1, 2)
         for x, y in places[np.any((places < -0.5) | (places > np.array(size) - 0.5), axis=1)][:1]:
             which = "that" if key == "corrections" else "the first"
-            found.append((key, f"{x:g}, {y:g} lies outside the picture of {size[0]} x {size[1]} px; point at it in {which} frame"))
+            swapped = ", or are x and y exchanged? x counts to the right" if y < size[0] - 0.5 and x < size[1] - 0.5 else ""
+            lies = f"{x:g}, {y:g} lies outside the picture of {size[0]} x {size[1]} px"
+            found.append((key, f"{lies}; point at it in {which} frame{swapped}"))
     if hints.corrections and (hints.clamp is None or hints.tip is None):
         found.append(("corrections", "acts where camera.clamp and camera.tip are given, too; give both, in pixels of the first frame"))
     if hints.region is not None:

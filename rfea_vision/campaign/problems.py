@@ -21,6 +21,8 @@ _FORMS = {
     **dict.fromkeys(("region", "box", "led"), "[x, y, width, height]"),
     "inner_corners": "[columns, rows]",
 }
+#: Keys by what else they are called.
+_CALLED = {"fps": "rate", "frame_rate": "rate", "filename": "file", "path": "file"}
 #: What pydantic says of lists of another form.
 _MISFORMED = ("tuple_type", "list_type", "too_short", "too_long", "missing")
 
@@ -121,14 +123,17 @@ def _value_at(file: YamlFile, keys: KeyPath) -> object:
 def _as_meant(found: Sequence[Any], files: tuple[YamlFile, ...]) -> list[Any]:
     """Without keys that are unknown, or missing, to one kind of mapping only, where the other kind that may stand there is meant.
 
-    Nor are those missing that an unknown key stands for.
+    Nor are those missing that an unknown key stands for, nor has a number no unit that a decimal comma has parted from it.
     """
     unknown = {item["loc"] for item in found if item["type"] == "extra_forbidden"}
     astray = {item["loc"][:-1] for item in found if item["type"] in ("extra_forbidden", "missing")}
     meant = {item["loc"][:-1] for item in found if len(item["loc"]) > 1} - astray
+    cut = {item["loc"][:-1] for item in found if _is_cut(item)}
 
     def misled(item: Any) -> bool:
         kind, place = item["type"], item["loc"][:-1]
+        if place in cut and isinstance(item.get("input"), int):
+            return True  # what stands before the comma
         if kind not in ("extra_forbidden", "missing") or not place:
             return False
         of_a_kind = isinstance(place[-1], str) and _keys_as_written(place, files, keep_last=False)[-1] != place[-1]
@@ -140,11 +145,19 @@ def _as_meant(found: Sequence[Any], files: tuple[YamlFile, ...]) -> list[Any]:
     return [item for item in found if not misled(item)]
 
 
+def _is_cut(item: Any) -> bool:
+    """Whether a key that is unknown is what a decimal comma left of a value in braces: `5 s` of ``{value: 1,5 s}``."""
+    return item["type"] == "extra_forbidden" and item.get("input") is None and str(item["loc"][-1])[:1].isdigit()
+
+
 def _explain(item: Any, model: type[BaseModel]) -> str:
     kind, found = item["type"], item.get("input")
     match kind:
         case "extra_forbidden":
-            return unknown_key(str(item["loc"][-1]), _known_keys(model, item["loc"][:-1]))
+            name, known = str(item["loc"][-1]), _known_keys(model, item["loc"][:-1])
+            if _is_cut(item):
+                return f"'{name}' stands after a comma, which ends a value in braces; write decimals with a point"
+            return _of_elsewhere(name, item["loc"][:-1], model) or unknown_key(name, known)
         case "missing":
             return "is missing; add it"
         case "literal_error":
@@ -187,6 +200,34 @@ def _is_of_one(found: object) -> bool:
     return isinstance(found, list) and len(found) == 1 and isinstance(found[0], str)
 
 
+def _of_elsewhere(name: str, location: tuple[str | int, ...], model: type[BaseModel]) -> str:
+    """Say where a key belongs that is unknown at `location`: above it, or in one part that may stand there; empty where nowhere.
+
+    Or that it is one of the words that a key beside it takes.
+    """
+    part = next(_models_in(_annotation_of(model, location)), model)
+    above = {key: _known_keys(model, location[:at]) for at, key in enumerate(location) if isinstance(key, str)}
+    for key, known in above.items():
+        if name in known:
+            return f"belongs one level up, beside '{key}', and not in it"
+    fields = {key: field.annotation for key, field in part.model_fields.items()}
+    if key := next((key for key, annotation in fields.items() if name in _words_of(annotation)), ""):
+        return f"is no key but a word for '{key}'; write '{key}: {name}'"
+    within = [key for key, annotation in fields.items() if any(name in kind.model_fields for kind in _models_in(annotation))]
+    if not within:
+        return ""
+    return f"belongs in {' or '.join(map(repr, within))}, as in '{within[0]}: {{{name}: ...}}'"
+
+
+def _words_of(annotation: Any) -> Iterator[object]:
+    """Yield the words of an annotation such as ``Literal["motion", "offset"]``."""
+    if get_origin(annotation) is Literal:
+        yield from get_args(annotation)
+    elif get_origin(annotation) in (Union, types.UnionType, Annotated):
+        for member in get_args(annotation):
+            yield from _words_of(member)
+
+
 def unknown_key(name: str, known: Iterable[str]) -> str:
     """Say that a key is unknown, and which one was probably meant."""
     if (plain := "".join(" " if sign in ODD_SPACES else sign for sign in name).strip()) != name:
@@ -198,6 +239,8 @@ def unknown_key(name: str, known: Iterable[str]) -> str:
 
 def closest(name: str, known: Iterable[str]) -> str:
     """The known key that was probably meant; empty where none is near."""
+    if (usual := _CALLED.get(name.lower(), "")) in known:
+        return usual
     return next(iter(difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)), "")
 
 

@@ -248,7 +248,7 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
 
 def scale_doubt(length_check: str) -> str:
     """What a track's check of the length says against the scale; empty where the length is the tube's."""
-    return length_check.partition("; ")[2]
+    return length_check.partition("; ")[2].replace("it measures", "the inextensible side measures", 1)
 
 
 def _scale_first(reasons: list[str]) -> str:

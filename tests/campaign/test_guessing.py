@@ -2,6 +2,7 @@
 
 import re
 
+import av
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,6 +36,17 @@ HEADERS = [
     ({"sample_t": TIME_S, "p_abs [kPa]": PRESSURE_kPa + 101.3, "p_atm [kPa]": np.full(400, 101.3)}, 5),
     ({"t": TIME_S, "p_psig": PRESSURE_kPa / 6.894757293168361}, 3),
 ]
+
+
+def a_film(path):
+    """A film of three pictures."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("gif" if path.suffix == ".gif" else "mpeg4", rate=25, width=64, height=48)
+        stream.pix_fmt = "rgb8" if path.suffix == ".gif" else "yuv420p"
+        for grey in (60, 90, 120):
+            picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), grey, np.uint8), format="rgb24")
+            container.mux(stream.encode(picture.reformat(format=stream.pix_fmt)))
+        container.mux(stream.encode())
 
 
 def tip_track(bends, beside_mm=0.0):
@@ -182,7 +194,7 @@ def test_what_nobody_can_guess_is_asked_for(tmp_path):
 
 def test_a_film_without_a_board_is_asked_for_one_or_for_a_scale_in_lines_that_can_be_uncommented(tmp_path):
     """The board's line had been cut in two at its first colon."""
-    (tmp_path / "a.mkv").write_bytes(b"")
+    a_film(tmp_path / "a.mkv")
     written = write_campaign_from(tmp_path / "tube", [tmp_path / "a.mkv"])
     lines = (tmp_path / "tube" / "campaign.yaml").read_text().splitlines()[1:]
     asked = yaml.safe_load("\n".join(line.replace("# ", "", 1) for line in lines if "needed: " in line or "# " not in line))["camera"]
@@ -193,15 +205,38 @@ def test_a_film_without_a_board_is_asked_for_one_or_for_a_scale_in_lines_that_ca
 
 def test_an_animated_picture_is_a_film(tmp_path):
     """The tracker reads it, and it had been left out as a file without a reader."""
-    (tmp_path / "arm.gif").write_bytes(b"")
+    a_film(tmp_path / "arm.gif")
     write_campaign_from(tmp_path / "tube", [tmp_path / "arm.gif"])
     assert "video:\n  file: arm.gif\n" in (tmp_path / "tube" / "arm" / "experiment.yaml").read_text()
+
+
+def test_a_film_that_cannot_be_opened_is_left_out_and_told_why(tmp_path):
+    """It became a run, the one that was to judge the model, and nothing was said."""
+    for name in "ab":
+        a_film(tmp_path / f"{name}.mp4")
+        pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}).to_csv(tmp_path / f"{name}.csv", index=False)
+    whole = (tmp_path / "a.mp4").read_bytes()
+    (tmp_path / "c.mp4").write_bytes(whole[: len(whole) // 2])
+    written = write_campaign_from(tmp_path / "tube", sorted(tmp_path.glob("*.*")))
+    assert [path.parent.name for path in written.files[:-1]] == ["a", "b"]
+    assert len(written.left_out) == 1 and "c.mp4: holds no video stream" in written.left_out[0]
+
+
+def test_the_run_that_judges_has_a_pressure(tmp_path):
+    """The last one was set aside, with a log or without."""
+    for name in "abc":
+        a_film(tmp_path / f"{name}.mp4")
+    for name in "ab":
+        pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}).to_csv(tmp_path / f"{name}.csv", index=False)
+    write_campaign_from(tmp_path / "tube", sorted(tmp_path.glob("*.*")))
+    roles = [yaml.safe_load((tmp_path / "tube" / name / "experiment.yaml").read_text())["role"] for name in "abc"]
+    assert roles == ["train", "validate", "train"]
 
 
 @pytest.mark.parametrize("guessed", [False, True])
 def test_what_most_films_need_stands_in_lines_that_can_be_uncommented(tmp_path, guessed):
     """Clamp, tip, vertical and rig were to be looked up, and where they belong; untouched these lines say nothing."""
-    (tmp_path / "a.mkv").write_bytes(b"")
+    a_film(tmp_path / "a.mkv")
     write_campaign_from(tmp_path / "tube", [tmp_path / "a.mkv"]) if guessed else write_campaign_template(tmp_path / "tube")
     text = (tmp_path / "tube" / "campaign.yaml").read_text()
     before = yaml.safe_load(text)

@@ -191,6 +191,20 @@ def test_one_sentence_names_file_key_and_remedy(campaign, where, change, key, sa
         (None, {"rig": {"gravity": {"angle": 30}}}, "rig.gravity.angle: 30 has no unit; write for example '30 deg'"),
         (None, {"rig": {"gravity": {"angel": "30 deg"}}}, "rig.gravity.angel: unknown key 'angel'; did you mean 'angle'?"),
         (None, {"rig": "down"}, "rig: found 'down'; a mapping is needed; known here: gravity"),
+        (
+            "steps",
+            {"sync": {"method": "offset", "value": 1, "5 s": None}},  # 1,5 s
+            "sync.5 s: '5 s' stands after a comma, which ends a value in braces; write decimals with a point",
+        ),
+        ("steps", {"sync": {"offset": "1 s"}}, "sync.offset: is no key but a word for 'method'; write 'method: offset'"),
+        ("steps", {"clamp": [[1, 2], [3, 4]]}, "clamp: belongs in 'camera', as in 'camera: {clamp: ...}'"),
+        ("steps", {"rate": "30 Hz"}, "rate: belongs in 'video' or 'frames' or 'track', as in 'video: {rate: ...}'"),
+        ("steps", {"track": {"file": "track.csv", "fps": "30 Hz"}}, "track.fps: unknown key 'fps'; did you mean 'rate'?"),
+        (
+            None,
+            {"actuator": {"section": {"length": "1 m"}}},
+            "actuator.section.length: belongs one level up, beside 'section', and not in it",
+        ),
         ("steps", {"pressure": "log 1.csv"}, "pressure: found 'log 1.csv'; write 'pressure: {file: log 1.csv}'"),
     ],
 )

@@ -33,6 +33,7 @@ def told(hints: Hints = HINTS, **scale: Any) -> tuple[list[tuple[str, str]], lis
     ("hints", "scale", "key", "says"),
     [
         ({"tip": (900.0, 90.0)}, {}, "camera.tip", "900, 90 lies outside the picture of 480 x 640 px"),
+        ({"tip": (600.0, 90.0)}, {}, "camera.tip", "point at it in the first frame, or are x and y exchanged? x counts to the right"),
         ({"corrections": (Correction(2, ((240.0, 700.0),)),)}, {}, "camera.corrections", "240, 700 lies outside the picture"),
         ({"corrections": (Correction(4, ((240.0, 400.0),)),)}, {}, "camera.corrections", "frame 4 is not in the film, whose last is 3"),
         ({"corrections": (Correction(1, ((9.0, 9.0),)),), "tip": None}, {}, "camera.corrections", "acts where camera.clamp"),
@@ -53,6 +54,7 @@ def test_what_cannot_be_in_the_picture_is_refused(hints, scale, key, says):
         ({"region": (200.0, 60.0, 100.0, 400.0), "exclude": ((0.0, 0.0, 100.0, 640.0),)}, {}),
         ({"region": (200.0, 60.0, 100.0, 300.0)}, {"region": "camera.tip lies outside the box [200.0, 60.0, 100.0, 300.0]"}),
         ({"exclude": ((200.0, 60.0, 50.0, 50.0),)}, {"exclude": "camera.clamp lies within"}),
+        ({"clamp": ((240.0, 90.0), (240.0, 117.0))}, {"clamp": "its two points lie one behind the other as seen from camera.tip"}),
     ],
 )
 def test_a_clamp_or_a_tip_where_the_tube_may_not_be_is_doubted(hints, said):

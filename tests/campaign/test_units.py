@@ -39,6 +39,8 @@ def test_quantities_are_converted(text, unit, value):
         ("4", "'4' has no unit"),
         ("mm", "not a number with a unit"),
         ("4 mmm", "unknown unit 'mmm'; did you mean 'mm'?"),
+        ("4 Millimeter", "unknown unit 'Millimeter'; write one such as mm, cm, m"),
+        ("4 kgg", "unknown unit 'kgg'; write one such as mm, cm, m"),
         ("4 kg", "'kg' is not a unit of the right kind; write one that converts to"),
         ("4 MM", "'MM' is not a unit of the right kind; did you mean 'mm'?"),
         ("4,5 mm", "decimal comma; write '4.5 mm'"),

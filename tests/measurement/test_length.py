@@ -72,8 +72,8 @@ SAID = "the inextensible side keeps its length within 0.1 % over all postures; i
 @pytest.mark.parametrize(
     ("reasons", "length_check", "says"),
     [
-        (["width_off"] * 4, SAID, "it measures +20.0 %"),  # a board of 10 mm declared as 12
-        (["length_off"] * 4, SAID, "it measures +20.0 %"),
+        (["width_off"] * 4, SAID, "the inextensible side measures +20.0 %"),  # a board of 10 mm declared as 12
+        (["length_off"] * 4, SAID, "the inextensible side measures +20.0 %"),
         (["width_off"] * 4, SAID.partition(";")[0], "give camera.clamp and camera.tip"),
         ([OTHER_LENGTH] * 4, SAID.partition(";")[0], "check the board's square (or camera.scale)"),  # of 9 mm as 12
     ],

@@ -379,3 +379,10 @@ def test_columns_of_any_name_are_a_point(tmp_path):
     np.testing.assert_allclose(track.time_s, time, atol=1e-9)
     with pytest.raises(InputError, match=r"c1, c2, .*written as their names, 'c2,c3'"):
         read_track(tmp_path / "raw.txt", spec=keys.model_copy(update={"points": ["c2,c9", "c7,c8"]}))
+
+
+@pytest.mark.parametrize("names", ["t;p", "Zeit;Druck"])
+def test_two_words_above_a_header_are_not_taken_for_it(tmp_path, names):
+    """Of an instrument's head that ends with two cells the header was read as its units: 'no column p; there are: Operator, Smith'."""
+    (tmp_path / "a.csv").write_text(f"Rig;3\nOperator;Smith\n{names}\n0,0;2,5\n0,1;3,5\n")
+    assert list(read_table(tmp_path / "a.csv").columns) == names.split(";")

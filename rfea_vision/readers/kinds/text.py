@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
 
@@ -75,6 +76,11 @@ def _is_number(cell: str) -> bool:
     return bool(_POINT.match(cell) or _COMMA.match(cell))
 
 
+def _is_time(cell: str) -> bool:
+    words = set(column_words()["time"]) - {"seconds", "sekunden"}  # units, too
+    return not words.isdisjoint(re.split(r"[^\w]+|_", cell.lower()))
+
+
 def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
     """Return the lines (from 0) of the header and of the first data, for the widest table that this separator gives.
 
@@ -88,6 +94,8 @@ def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
             if first >= len(rows) or not _as_wide(lines[first], row, separator):
                 continue
             units = rows[index + 1] if first == index + 2 else []
+            if any(map(_is_time, units)) and not any(map(_is_time, row)):
+                break  # no units but the header itself, below a line such as 'Operator;Smith'
             if units and not (len(units) == len(row) and all(_UNIT_CELL.match(cell) for cell in units)):
                 continue
             last = lines[-1] if len(lines) <= _LOOKED_AT else lines[first]
