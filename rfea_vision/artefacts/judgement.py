@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from rfea_vision.artefacts.rows import (
+    UNUSED_BY_BEAMS,
     Correlation,
     Elongation,
     GoesWith,
@@ -129,6 +130,17 @@ class ModelFit(_Json):
     def refused(self) -> str:
         """Why a fit was refused; empty where it was not."""
         return self.message if self.status == "refused" else ""
+
+    @property
+    def of_tube(self) -> bool:
+        """Whether the body is a tube with a bore, and not one that bends about its middle."""
+        return self.actuator.get("kind", "tube") == "tube"
+
+    @property
+    def told(self) -> dict[str, Parameter]:
+        """The parameters without those that its section has no use for, which are held at 0."""
+        unused = () if self.of_tube else UNUSED_BY_BEAMS
+        return {name: one for name, one in self.parameters.items() if not (name in unused and one.fixed and one.value == 0)}
 
     @property
     def meets_no_run(self) -> bool:

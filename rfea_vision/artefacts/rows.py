@@ -9,6 +9,9 @@ from typing import NotRequired
 
 from typing_extensions import TypedDict  # of Python 3.11 the own one is not enough for pydantic
 
+#: What a body that bends about its middle has no use for: slopes over the bore of a tube, and a second damper.
+UNUSED_BY_BEAMS = ("k_slope", "b_pos_slope", "b_neg_ref", "b_neg_slope")
+
 
 class Correlation(TypedDict, total=False):
     """Of the noise of the free parameters `names`: the matrix, and the standard errors in SI."""

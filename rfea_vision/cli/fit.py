@@ -62,7 +62,7 @@ def print_model(model: ModelFit, *, study: bool) -> None:
             item.unit,
             "fixed" if item.fixed else item.note,
         ]
-        for name, item in model.parameters.items()
+        for name, item in model.told.items()
     ]
     print_table(f"{model.name}: {model.status}", ["parameter", "value", "std. error", "unit", "note"], table)
     if model.message:

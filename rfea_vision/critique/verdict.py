@@ -177,6 +177,8 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]
         runs = "held-out runs" if search.trials.problem.validate else "the training runs"
         part = f"{100 * left:.0f} %" if left >= 0.01 else "Less than 1 %"
         sentence = f"{part} of the squared error above the floor is left: {told} {unit} on {runs}."
+        if known:  # nothing was added: a share of it says nothing, and beside that of an effect that was, the wrong thing
+            sentence = f"What is left is {told} {unit} on {runs}, where the floor is {rounded(search.floor)} {unit}."
         if known and goes_with:
             sentence += f" {100 * goes_with[0]['r2']:.0f} % of its torque goes with {goes_with[0]['what']}."
     own = list(goes_with) if known else []

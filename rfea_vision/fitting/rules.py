@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.artefacts.rows import UNUSED_BY_BEAMS
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.options.fit import FitOptions
 
 #: Runs whose pressure stays within this are no push.
 CONSTANT_PA = 5e3
-#: What a body that bends about its middle has no use for: slopes over the bore of a tube, and a second damper.
-UNUSED_BY_BEAMS = ("k_slope", "b_pos_slope", "b_neg_ref", "b_neg_slope")
 
 
 def pushed(items: Sequence[Observed]) -> bool:

@@ -120,7 +120,7 @@ def _model(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> s
     fit, shown = step.fit, errors_of(step, evidence)
     effects = f" with {listing(inner_title(titles[effect]) for effect in fit.effects)} added" if fit.effects else ""
     words = parameter_words(evidence, titles)
-    values = "; ".join(f"{name} ({words[name]}) = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
+    values = "; ".join(f"{name} ({words[name]}) = {_estimate(parameter)}" for name, parameter in fit.told.items())
     key = "tip_rmse_mm" if shown.unit == "mm" else "angle_rmse_deg"
     scores = listing(
         f"{with_unit(getattr(metrics, key), shown.unit)} ({_ROLES.get(role, role)})"

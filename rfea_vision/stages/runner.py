@@ -233,7 +233,7 @@ def _as_one_error(failures: dict[str, RfeaError], total: int, verb: str) -> Rfea
     """Return one error for the experiments that failed; those that did not are kept."""
     first = next(iter(failures.values()))
     rest = total - len(failures)
-    kept = f" ({rest} of {total} experiments were {verb})" if rest else ""
+    kept = f" ({rest} of {total} experiments were {verb}; 'role: ignore' leaves a run out)" if rest else ""
     more = f"; also failed: {', '.join(list(failures)[1:])}" if len(failures) > 1 else ""
     kind = InputError if any(isinstance(error, InputError) for error in failures.values()) else DataError
     return kind(f"{first}{more}{kept}")

@@ -49,6 +49,7 @@ class Slider:
 def sliders_of(fit: ModelFit, model: Model, start: np.ndarray) -> list[Slider]:
     """Sliders of all parameters of a model, in its order; those that the fit does not have stand where they are absent.
 
+    What the body's section has no use for has none.
     Torques reach as far as in a fit: as far as this body is stiff.
     """
     effects = sized(model.effects, Actuator(**fit.actuator))
@@ -59,6 +60,8 @@ def sliders_of(fit: ModelFit, model: Model, start: np.ndarray) -> list[Slider]:
     for name, first in zip(model.names, start, strict=True):
         known = fit.parameters.get(name)
         effect, spec = declared.get(name, (None, None))
+        if known is not None and name not in fit.told:
+            continue
         if known is not None and (spec is None or known.interval_95 is not None):
             out.append(_around_fit(name, known, effect, spec))
         elif spec is not None:

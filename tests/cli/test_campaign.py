@@ -223,7 +223,7 @@ def test_one_broken_experiment_does_not_keep_the_others_from_being_tracked(campa
     (campaign / "multisine-2" / "track.csv").write_text("time_s,tip_x_mm\n0,1\n")
     answer = rfea("track", campaign)
     assert answer.code == 2
-    assert str(campaign / "multisine-2" / "track.csv") in answer.err and "2 of 3 experiments were tracked" in answer.err
+    assert str(campaign / "multisine-2" / "track.csv") in answer.err and "2 of 3 experiments were tracked; 'role: ignore'" in answer.err
     assert (campaign / "rfea" / "steps-1" / "track.nc").is_file()
     assert not (campaign / "rfea" / "multisine-2").exists()
 

@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Recording, Track
+from rfea_vision.artefacts.rows import UNUSED_BY_BEAMS
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.effects.catalogue import catalogue
@@ -68,6 +69,19 @@ def test_the_methods_of_other_tools_tracks_tell_of_no_camera(copy: Path) -> None
     assert "Track and pressure log were brought onto one clock" in text and "Camera and pressure log" not in text
     assert "zhang2000" not in text and "opencv" not in text and "kelageri2018" in text and "kennedy2001" in text
     assert "Every frame of every run was used" not in text
+
+
+def test_a_beams_report_tells_nothing_of_a_bore(copy: Path) -> None:
+    """A methods text said "k_slope (change of the stiffness with the inner radius) = 0" of a rod, and a table k at no inner radius."""
+    assert "with the inner radius" in words(page_of(copy)) and "In the units of the paper's table" in words(page_of(copy))
+    for path in copy.glob("models/*/model.json"):
+        fit = json.loads(path.read_text())
+        fit["actuator"] |= {"kind": "rod"}
+        for name in UNUSED_BY_BEAMS:
+            fit["parameters"][name] |= {"value": 0.0, "fixed": True, "stderr": None}
+        path.write_text(json.dumps(fit))
+    text = words(page_of(copy))
+    assert "with the inner radius" not in text and "In the units of the paper's table" not in text and "bending stiffness" in text
 
 
 def test_the_methods_say_which_loss_was_minimised(copy: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.artefacts.rows import UNUSED_BY_BEAMS
 from rfea_vision.errors import InputError
 from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.residuals import predict_observed
@@ -69,6 +70,15 @@ def test_every_slider_holds_its_fitted_value_and_interval(player, base):
         known = base.parameters[slider.name]
         assert slider.low < slider.value < slider.high and slider.value == known.value and slider.unit == known.unit
         assert slider.interval is None or slider.interval == known.interval_95
+
+
+def test_what_a_beam_has_no_use_for_has_no_slider(base):
+    """Of a rod four sliders moved nothing."""
+    held = {name: base.parameters[name].model_copy(update={"value": 0.0, "fixed": True}) for name in UNUSED_BY_BEAMS}
+    rod = base.model_copy(update={"actuator": base.actuator | {"kind": "rod"}, "parameters": base.parameters | held})
+    model = Chosen(rod, ()).model()
+    sliders = sliders_of(rod, model, start_vector(model, Actuator(**rod.actuator), rod.segments))
+    assert [slider.name for slider in sliders] == ["k_ref", "b_pos_ref", "r_hyd"]
 
 
 def test_the_torque_of_a_stiff_body_has_a_slider_that_reaches_as_far_as_a_fit(base):
