@@ -13,7 +13,7 @@ import numpy as np
 from rfea_vision.campaign.tracked import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
-from rfea_vision.readers.columns import column, in_unit, said_unit, unread_clock
+from rfea_vision.readers.columns import column, in_unit, said_unit, unread_clock, unread_pressure
 from rfea_vision.readers.kinds.base import AXIS, Points, Table, points_of_columns
 from rfea_vision.readers.pictures import PICTURES
 from rfea_vision.readers.poses import turned_body
@@ -21,6 +21,8 @@ from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
 
 FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts", ".gif")
+
+_WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
 
 #: Of an open line, from 1,500 m above the sea to the highest air pressure recorded.
 _ATMOSPHERE_kPa = (85.0, 108.0)
@@ -106,11 +108,11 @@ def look(path: Path) -> FileGuess:
     if ending in PICTURES:
         return FileGuess(path, "picture")
     if ending not in endings():
-        return FileGuess(path, "unknown", note=f"no reader for '{ending}'")
+        return FileGuess(path, "unknown", note=f"no reader for '{ending}'" + "; save it as CSV" * (ending in _WORKBOOKS))
     try:
         return _table(path)
     except RfeaError as error:
-        return FileGuess(path, "unknown", note=str(error).removeprefix(f"{path}: "))
+        return FileGuess(path, "unknown", note=str(error).removeprefix(f"{path}: ").removeprefix(f"{path}:1: "))
 
 
 def _table(path: Path) -> FileGuess:
@@ -120,7 +122,7 @@ def _table(path: Path) -> FileGuess:
     pressure = _pressure(columns, time, _moved(columns, motion))
     if pressure is None and motion is None:
         bare = "c1" in columns.table.columns  # of a file without a header
-        if not time and (unread := unread_clock(columns.table)):
+        if unread := (not time and unread_clock(columns.table)) or unread_pressure(columns.table):
             return FileGuess(path, "unknown", note=unread)
         remedy = "; write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'" if bare else ""
         return FileGuess(path, "unknown", note=f"no column looks like a pressure, a tip or an angle{remedy}")

@@ -194,7 +194,8 @@ class Campaign:
             if experiment.name == name:
                 return experiment
         names = ", ".join(item.name for item in self.experiments) or "none"
-        raise InputError(f"{self.root}: no experiment '{name}'; there are: {names}")
+        called = "".join(f"; the one in that folder has the name '{it.name}'" for it in self.experiments if it.file.parent.name == name)
+        raise InputError(f"{self.root}: no experiment '{name}'; there are: {names}{called}")
 
     def with_role(self, *roles: str) -> tuple[ExperimentSpec, ...]:
         """Return the experiments of these roles, in order."""

@@ -169,6 +169,17 @@ def unread_clock(table: Table) -> str:
     return ""
 
 
+def unread_pressure(table: Table) -> str:
+    """Why a column that tells a pressure is none of a log: a row of it that is no number, or no time beside it; empty without one."""
+    if (name := meant_column(table, "", "pressure")) is None:
+        return ""
+    try:
+        table.numbers(name)
+    except InputError as error:
+        return str(error).removeprefix(f"{table.source}: ")
+    return f"column '{name}' has no time beside it that rises from row to row; add a column 'time_s'"
+
+
 def clock_zero_s(table: Table, name: str | None) -> float | None:
     """Return when the times that `in_unit` gives of a column of dates, or without its name the file's own, begin.
 

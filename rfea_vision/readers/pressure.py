@@ -102,7 +102,7 @@ class PressureLog:
             hour = " (an hour)" * (around[0] == 3600)
             remedy = f"the clock {_SET_BACK_S[around[0]]} there: add {around[0]:g} s{hour} from that row on"
         refuse_rows(where, "time", back, "is earlier than the row before", remedy)
-        coarse = held.sum() > self.time_s.size / 2
+        coarse = held.sum() > self.time_s.size / 3
         remedy = "the clock is too coarse for its rows: export it with more decimals" if coarse else "remove the duplicate"
         refuse_rows(where, "time", held, "repeats the row before", remedy)
 

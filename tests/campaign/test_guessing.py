@@ -222,6 +222,24 @@ def test_a_film_that_cannot_be_opened_is_left_out_and_told_why(tmp_path):
     assert len(written.left_out) == 1 and "c.mp4: holds no video stream" in written.left_out[0]
 
 
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        ("time_s,pressure_kPa\n0,1\n1,OVL\n2,3\n", "column 'pressure_kPa', row 2: 'OVL' is not a number; correct or remove the row"),
+        ("p [kPa]\n1\n3\n2\n", "column 'p [kPa]' has no time beside it that rises from row to row; add a column 'time_s'"),
+        ("14:03:11.5 12.5\n14:03:11.6 13\n", "no header line; name the columns, for example 'time_s,pressure_kPa'"),
+    ],
+)
+def test_why_a_log_is_none_is_told(tmp_path, text, note):
+    """Of each it was said that no column looks like a pressure, a tip or an angle."""
+    (tmp_path / "log.csv").write_text(text)
+    assert look(tmp_path / "log.csv").note == note
+
+
+def test_a_workbook_is_told_to_be_saved_as_text(tmp_path):
+    assert look(tmp_path / "log.xlsx").note == "no reader for '.xlsx'; save it as CSV"
+
+
 def test_the_run_that_judges_has_a_pressure(tmp_path):
     """The last one was set aside, with a log or without."""
     for name in "abc":

@@ -389,3 +389,9 @@ def test_a_run_that_is_not_asked_for_stops_none_that_is(tmp_path):
     file.write_text(file.read_text() + "memory: carried\n")
     with pytest.raises(InputError, match="steps carries the memory of the runs before it, and needs them"):
         load_campaign(folder, only=["steps"])
+
+
+def test_a_run_is_told_by_its_name_where_its_folder_is_asked_for(campaign):
+    edit(campaign / "steps" / "experiment.yaml", name="first")
+    with pytest.raises(InputError, match=r"no experiment 'steps'; there are: .*; the one in that folder has the name 'first'"):
+        load_campaign(campaign).experiment("steps")

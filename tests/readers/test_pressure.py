@@ -119,6 +119,7 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
         ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n", "clock was set back, add 7 s from that row on"),
         ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n0.5,3\n", "sort the log by time, or split it"),
         ("time_s,pressure_kPa\n3,1\n2,2\n1,1\n0,4\n", "turn the order of the rows round"),
+        ("time_s,pressure_kPa\n5,1\n5,2\n6,3\n6,2\n", "too coarse for its rows: export it with more decimals"),
         ("time_s,pressure_kPa\n5,1\n5,2\n5,3\n5,2\n6,4\n", "too coarse for its rows: export it with more decimals"),
         ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),
         (

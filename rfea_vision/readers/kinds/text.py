@@ -198,7 +198,7 @@ def read_text(path: Path) -> Table:
         cells = _cells(top, separator)
         if all(map(_is_number, cells)) and len(cells) > 1:  # nothing but numbers: the columns are counted
             every = [separator.replace(_BLANKS, " ").join(f"c{place + 1}" for place in range(len(cells))), *every]
-        elif any(_is_number(cell) for cell in cells[:1]):
+        elif any(_is_number(cell) or re.match(r"\d[\d.-]*([ T]|:\d\d)", cell) for cell in cells[:1]):  # a clock, too
             raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
         if not _split_by_decimal_commas(every[0], every[1:], separator):  # that has a sentence of its own
             _refuse_other_width(path, every, separator)
