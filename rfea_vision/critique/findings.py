@@ -60,6 +60,8 @@ def findings_of(
     if changed and first and last:
         fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({rounded(first / last)} times)"
         out.append(f"The {what} on validation runs {fall}.")
+    elif changed and not first:
+        out.append(f"No run was held out: the {what} was weighed on the runs that were fitted. Give one 'role: validate' to prove it.")
     before, after = (test.get(f"first_model_{key}"), test.get(key)) if test else (None, None)
     if changed and before and after:
         fall = f"fell from {rounded(before)} to {rounded(after)} {unit}"

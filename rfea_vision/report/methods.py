@@ -159,11 +159,13 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
         if step.on_ladder and step.rung.added and step.rung.tied:
             one, *others = (inner_title(titles.get(effect, effect)) for effect in (step.rung.added, *step.rung.tied))
             chosen += f"These data cannot tell {one} from {listing(others, 'or')}. "
+    held = any(run.role == "validate" for run in evidence.experiments)
+    runs, error = ("training and on held-out runs", "held-out error") if held else ("the training runs (none was held out)", "error")
     text = (
-        "Effects were added one at a time. Sets of up to four of them were weighed by the squared error that they leave on "
-        "training and on held-out runs, under a model that admits a structured remainder (Kennedy and O'Hagan 2001), against "
+        f"Effects were added one at a time. Sets of up to four of them were weighed by the squared error that they leave on {runs}, "
+        "under a model that admits a structured remainder (Kennedy and O'Hagan 2001), against "
         "prior odds of one effect among those of the catalogue. An effect was accepted if its probability was a half at least and "
-        "it lowered the held-out error by at least 10 % and by at least 0.2 noise floors with physically admissible values. "
+        f"it lowered the {error} by at least 10 % and by at least 0.2 noise floors with physically admissible values. "
         f"{chosen}"
     )
     helping = [

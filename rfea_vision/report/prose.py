@@ -105,12 +105,12 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step.outcome == "complete":
         nothing = f"nothing that matters is missing{_as_far(step, evidence)}"
         if not added:
-            return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: {nothing}."
+            return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: {nothing}.{_unjudged(evidence)}"
         if len(added) == 1:
             tie = " (these data cannot tell which)" if unsure else ""
-            return f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, {nothing}."
+            return f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, {nothing}.{_unjudged(evidence)}"
         things = "; ".join(added)
-        return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}."
+        return f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, {nothing}.{_unjudged(evidence)}"
     if step.outcome == "uncertain":
         so_far = f"; {listing(added)} {'was' if len(added) == 1 else 'were'} added{finer}, and more may be" if added else ""
         return f"{undecided(step.uncertain_because)}{so_far}."
@@ -128,6 +128,12 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step.uncertain_because:
         return f"{step.uncertain_because[0].upper()}{step.uncertain_because[1:]}: uncertain as that is, the model still {lacks}"
     return f"The model still {lacks}"
+
+
+def _unjudged(evidence: Evidence) -> str:
+    """That all of it is told of the runs that were fitted; empty where one was held out."""
+    held = any(run.role == "validate" for run in evidence.experiments)
+    return "" if held else " No run was held out: the runs that were fitted say so, and no other."
 
 
 def _as_far(step: LadderStep, evidence: Evidence) -> str:

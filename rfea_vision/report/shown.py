@@ -66,7 +66,7 @@ def of_the_tube(fit: ModelFit) -> dict[str, Parameter]:
     """Parameters of a model, with stiffness and damping of the whole tube, so that chains of any number of segments can be compared."""
     return {
         name: _in_series(item, fit.segments) if name.startswith(PER_JOINT) else item
-        for name, item in fit.parameters.items()
+        for name, item in fit.told.items()
     }
 
 

@@ -96,7 +96,7 @@ def describe_fit(model: ModelFit) -> str:
 def describe_rung(rung: Rung) -> str:
     """Say what a rung has brought."""
     train, held_out = rung.error("train"), rung.error("validate")
-    errors = f"train {'-' if train is None else rounded(train)}, "
-    errors += f"validate {'-' if held_out is None else rounded(held_out)} {rung.unit}"
+    errors = f"train {'-' if train is None else rounded(train)}"
+    errors += f" {rung.unit} (no run is held out)" if held_out is None else f", validate {rounded(held_out)} {rung.unit}"
     rivals = f" ({rung.added} cannot be told from {' or '.join(rung.tied)})" if rung.tied else ""
     return f"{rung.model}: {errors}, {rung.said}{rivals}"

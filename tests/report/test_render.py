@@ -84,6 +84,27 @@ def test_a_beams_report_tells_nothing_of_a_bore(copy: Path) -> None:
     assert "with the inner radius" not in text and "In the units of the paper's table" not in text and "bending stiffness" in text
 
 
+def test_without_a_held_out_run_the_verdict_says_so(copy: Path) -> None:
+    """Of one run that was fitted the page said without more ado that nothing that matters is missing."""
+    path = copy / "ladder.json"
+    ladder = json.loads(path.read_text())
+    ladder["rungs"][-1]["verdict"] = "complete"
+    path.write_text(json.dumps(ladder))
+    text = words(page_of(copy))
+    assert "No run was held out" not in text and "on training and on held-out runs" in text
+    for recording in copy.glob("*/recording.nc"):
+        dataset = read_dataset(recording)
+        dataset.attrs["role"] = "train"
+        Recording(dataset).save(recording)
+    for model in copy.glob("models/*/model.json"):
+        fit = json.loads(model.read_text())
+        fit["experiments"] = {name: score | {"role": "train"} for name, score in fit["experiments"].items()}
+        model.write_text(json.dumps(fit))
+    text = words(page_of(copy))
+    assert "No run was held out: the runs that were fitted say so, and no other." in text
+    assert "on the training runs (none was held out)" in text
+
+
 def test_the_methods_say_which_loss_was_minimised(copy: Path) -> None:
     assert "training runs by least squares. " in words(page_of(copy))
     for path in copy.glob("models/*/model.json"):

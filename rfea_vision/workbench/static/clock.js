@@ -17,7 +17,7 @@ export function build() {
     h("div", {class: "tabs", role: "tablist", id: "clock-runs", aria: {label: "Experiment"}}),
     h("p", {class: "lead", id: "clock-say", role: "status"}),
     figure("sync", "Pressure and motion", "Pressure and bend angle over time on one clock; drag the motion sideways", 280),
-    h("p", {class: "muted"}, "Grey: the pressure log. Blue: what the camera saw. Drag the blue curve sideways, or use the field; zoom in where the pressure steps."),
+    h("p", {class: "muted"}, "Grey: the pressure log. Blue: the motion that was measured. Drag the blue curve sideways, or use the field; zoom in where the pressure steps."),
     h("div", {class: "switches"},
       h("label", {}, "Log clock minus camera clock ", h("input", {type: "number", id: "offset", step: "0.1", aria: {label: "Log clock minus camera clock in ms"}}), " ms"),
       h("button", {type: "button", id: "keep-offset", onclick: keepOffset}, "Keep this offset"),
