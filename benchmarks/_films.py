@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision import track_frames
 from testing.pointing import Pointed
 from testing.real_films import Ends, Score, score
+from testing.whole_line import LineScore, line_score
 
 WELL = (0.95, 0.02)  # share of the frames, and error over the range: what a film is to reach
 WRONG = 0.02  # share of the frames compared that are sure and wrong, beyond which a film counts as such
@@ -24,7 +26,8 @@ class Outcome:
     """What one film gave: how its tip compares with what is known of it, and frames/s; or why it was refused.
 
     `frames_per_s` are those of processor time, `elapsed_per_s` those by the clock, with whatever else ran beside it.
-    `off_px` (frames,) is how far the line's end lies off in the frames that are asked for, NaN where it was refused or is not known.
+    `off_px` (frames,) is how far the line's end lies off in the frames that are asked for, NaN where it was refused or is not known;
+    `line` is how the whole line lies, where that is known.
     """
 
     scored: Score
@@ -32,6 +35,7 @@ class Outcome:
     elapsed_per_s: float
     refused: str = ""
     off_px: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    line: LineScore | None = None
 
     @property
     def share(self) -> float:
@@ -51,28 +55,33 @@ def followed(
     *,
     stayed: bool = False,
     counts: NDArray[np.bool_] | None = None,
+    middles: Mapping[int, NDArray[np.float64]] | None = None,
+    whole: bool = False,
 ) -> Outcome:
     """Track a film from what is pointed at in its first frame.
 
     Parameters
     ----------
     known : (frames, 2) px, where the tip is, NaN where that is not known; where it would be, had the camera `stayed`
-    hand_px : standard error of each component of `known`
+    hand_px : standard error of each component of `known`, and of `middles` across the body
     half_width_px : of the body
     counts : (frames,) those that are asked for; all by default
+    middles : (n, 2) px places on the middle of the body, by the frames that show them there
+    whole : these are whole lines, at even distances from the clamp to the end
     """
-    began, refused = np.array([time.process_time(), time.perf_counter()]), ""
+    began, refused, line = np.array([time.process_time(), time.perf_counter()]), "", None
     try:
         track = track_frames(source, pointed.calibration, pointed.tube, hints=pointed.hints, vertical="image")
-        ends = Ends.of(track, pointed.calibration, stayed=stayed)
     except DataError as error:
-        ends = Ends.none(len(known))
-        refused = str(error)
+        track, refused = None, str(error)
     rates = (len(known) / (np.array([time.process_time(), time.perf_counter()]) - began)).tolist()
+    ends = Ends.none(len(known)) if track is None else Ends.of(track, pointed.calibration, stayed=stayed)
+    if track is not None and middles:
+        line = line_score(track, pointed.calibration, middles, half_width_px, hand_px=hand_px, whole=whole)
     asked = np.flatnonzero(np.ones(len(known), dtype=bool) if counts is None else counts)
     asked = asked[asked < len(ends.tip_px)]
     off_px = np.linalg.norm(ends.at(asked).tip_px - known[asked], axis=1)
-    return Outcome(score(ends.at(asked), known[asked], hand_px, half_width_px), *rates, refused, off_px)
+    return Outcome(score(ends.at(asked), known[asked], hand_px, half_width_px), *rates, refused, off_px, line)
 
 
 def told(name: str, outcome: Outcome) -> str:
@@ -80,10 +89,11 @@ def told(name: str, outcome: Outcome) -> str:
     found = outcome.scored
     if outcome.refused:
         return f"{name}: refused: {outcome.refused}"
+    line = "" if outcome.line is None else f"line {outcome.line.off:.2f} half widths off, "
     return (
         f"{name}: {found.read}/{found.frames} frames, "
         f"{100 * found.error:.2f} % ({100 * found.carried:.2f}) of {found.range_px:.0f} px, "
-        f"{100 * found.covered:.0f} % within, {found.sure_and_wrong} of {found.compared} sure and wrong, "
+        f"{100 * found.covered:.0f} % within, {line}{found.sure_and_wrong} of {found.compared} sure and wrong, "
         f"{outcome.frames_per_s:.0f} frames/s ({outcome.elapsed_per_s:.0f} by the clock)"
     )
 
@@ -109,6 +119,8 @@ def rows_of(name: str, outcomes: list[Outcome], against: str, *, alone: bool = F
         ("tip within its 95 % interval", 100 * _mean([item.scored.covered for item in compared]), "%", None, None),
         ("speed", _median([item.frames_per_s for item in tracked]), "frames/s of processor time", ">= 60", None),
     ]
+    if lines := [item.line for item in tracked if item.line is not None]:
+        table += _of_lines(lines)
     if alone:
         elapsed = _median([item.elapsed_per_s for item in tracked])
         table.append(("speed by the clock, one at a time", elapsed, "frames/s", ">= 60", elapsed >= 60.0))
@@ -123,6 +135,22 @@ def rows_of(name: str, outcomes: list[Outcome], against: str, *, alone: bool = F
         }
         for what, value, unit, target, met in table
     ]
+
+
+def _of_lines(lines: list[LineScore]) -> list[tuple[str, float, str, str | None, bool | None]]:
+    """What they give: name, value, unit, target, and whether that is met."""
+    table = [
+        ("line off the body's middle, median film", _median([item.off for item in lines]), "half widths", None, None),
+        ("line within its 95 % interval", 100 * _mean([item.within for item in lines]), "%", None, None),
+    ]
+    if np.isfinite(lines[0].turned):
+        table += [
+            ("bend angle off, median film", _median([item.turned for item in lines]), "deg", None, None),
+            ("bend angle within its 95 % interval", 100 * _mean([item.turned_within for item in lines]), "%", None, None),
+            ("curvature times length off, median film", _median([item.bent for item in lines]), "rad", None, None),
+            ("curvature within its 95 % interval", 100 * _mean([item.bent_within for item in lines]), "%", None, None),
+        ]
+    return table
 
 
 def _median(values: list[float]) -> float:

@@ -3,7 +3,7 @@
 Many actuators, rooms, lights and cameras, all of a film from its seed: ``DRAWN_FILMS`` names the seeds, such as ``0-59`` (the default),
 two films at a time. Each is given what a person points at in its first frame: the clamp's two edges (1 px of error, 1 s.d.), the tip
 (1.5 px), and a ruler of 100 mm. The error is that of the tip, had the camera stood, over its range, in the frames in which the
-end is in the picture with nothing before it.
+end is in the picture with nothing before it; in these frames the whole line, the bend angle and the curvature are compared, too.
 
 Seeds from 1000 on were looked at while the hand was written, and 1020 to 1079 while the tracker was worked on; 0 to 59 were run once,
 60 to 99 and 100 to 139 later, at the commits and with the counts that docs/films-record.md names, and count as seen since.
@@ -37,7 +37,9 @@ def follow(seed: int) -> tuple[str, Outcome]:
         source = open_video(path)
         pointed = pointed_by_hand(truth, source.size, np.random.default_rng(seed))
         ends = np.where(np.asarray(truth.visible)[:, None], truth.ends_px, np.nan)
-        return summary(scene), followed(source, pointed, ends, 0.0, truth.half_width_px, stayed=True)
+        lines = {int(frame): truth.centre_px[frame] for frame in np.flatnonzero(truth.visible)}
+        outcome = followed(source, pointed, ends, 0.0, truth.half_width_px, stayed=True, middles=lines, whole=True)
+        return summary(scene), outcome
 
 
 def run() -> list[dict[str, Any]]:

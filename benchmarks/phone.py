@@ -33,7 +33,8 @@ def follow(kind: str, number: int, folder: Path) -> Outcome:
     source, ends = open_video(path), truth.centre_px[:, -1]
     within = np.all((ends > truth.half_width_px) & (ends < np.array(source.size) - truth.half_width_px), axis=1)
     pointed = pointed_by_hand(truth, source.size, np.random.default_rng(number))
-    outcome = followed(source, pointed, ends, 0.0, truth.half_width_px, counts=within)
+    lines = {int(frame): truth.centre_px[frame] for frame in np.flatnonzero(within)}
+    outcome = followed(source, pointed, ends, 0.0, truth.half_width_px, counts=within, middles=lines, whole=True)
     path.unlink()
     return outcome
 

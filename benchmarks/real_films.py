@@ -1,6 +1,7 @@
 """Real films by others: share of the frames tracked, error, honesty, and speed of the tracker of the whole body.
 
-What is pointed at is in ``real_films/``, a file for each body in each film, and so is where a person saw its end in later frames.
+What is pointed at is in ``real_films/``, a file for each body in each film, and so is where a person saw its end, and in some also its
+middle, in later frames.
 The films are not: for each, clone the repository that its `source` names from GitHub, check its `commit` out, and copy `path` to
 ``$REAL_FILMS/<owner>+<name>/<path>`` (of single pictures it is a folder). Those that are not there are left out, and named.
 ``REAL_FILMS_ONLY`` chooses by name: the names of files, or patterns such as ``arm_*_end``, with blanks between.
@@ -22,7 +23,7 @@ import numpy as np
 
 from benchmarks._films import Outcome, followed, rows_of, told
 from testing.pointing import Pointed
-from testing.real_films import FilmFile, known_places, pointed_at
+from testing.real_films import FilmFile, known_middles, known_places, pointed_at
 
 AGAINST = "a coloured mark's middle, or a person's clicks in later frames; clamp, tip and a scale pointed at"
 
@@ -31,7 +32,7 @@ def follow(film: FilmFile, folder: Path) -> Outcome:
     """Track one film from what is pointed at in its first frame."""
     source = film.opened(folder)
     pointed = Pointed(film.calibration(source.size), film.tube, film.hints)
-    return followed(source, pointed, known_places(film, source), film.hand_px, film.half_width_px)
+    return followed(source, pointed, known_places(film, source), film.hand_px, film.half_width_px, middles=known_middles(film))
 
 
 def chosen(films: dict[str, FilmFile], folder: Path) -> Iterator[tuple[str, FilmFile]]:

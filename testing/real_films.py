@@ -57,6 +57,7 @@ class FilmFile(_Described):
 
     `camera` and `actuator` have the keys of a campaign. `tips` are places in pixels by the number of the frame in the file, null
     where nobody can see the end, each known to `hand_px` (1 s.d.); where there is a `mark` its colour's middle stands for them.
+    `middles` are places on the middle of the body, likewise, known as well across it: between its edges as a person saw them.
     `stills` are the numbers of single pictures, in the order in which they are read, a second apart.
     """
 
@@ -72,6 +73,7 @@ class FilmFile(_Described):
     end: Literal["mark", "end"]
     mark: Literal["red", "green", "blue"] | None = None
     tips: dict[int, tuple[float, float] | None] = Field(default_factory=dict)
+    middles: dict[int, tuple[tuple[float, float], ...]] = Field(default_factory=dict)
     hand_px: Annotated[float, Field(gt=0)]
 
     @model_validator(mode="after")
@@ -82,8 +84,9 @@ class FilmFile(_Described):
             raise ValueError("camera.scale: give two points and their distance")
         if self.mark is None and sum(place is not None for place in self.tips.values()) < 2:
             raise ValueError("tips: give two at least, or a mark")
-        if missed := [number for number in self.tips if self.row_of(number) is None]:
-            raise ValueError(f"tips: the frames {missed} are none of those that are read")
+        for key, places in (("tips", self.tips), ("middles", self.middles)):
+            if missed := [number for number in places if self.row_of(number) is None]:
+                raise ValueError(f"{key}: the frames {missed} are none of those that are read")
         return self
 
     @property
@@ -313,6 +316,12 @@ def _as_numbers(places: Floats) -> NDArray[np.complex128]:
 def _carried(off: Floats, heading_rad: Floats) -> NDArray[np.complex128]:
     """What the first of the differences (n, 2) becomes where the line's end has turned."""
     return np.exp(1j * (heading_rad - heading_rad[:1])) * _as_numbers(off[:1])
+
+
+def known_middles(film: FilmFile) -> dict[int, Floats]:
+    """Where the middle of the body is known to have been: places (n, 2) px by the frames as they are read."""
+    rows = {film.row_of(number): np.array(places, dtype=float) for number, places in film.middles.items()}
+    return {row: places for row, places in rows.items() if row is not None}
 
 
 def known_places(film: FilmFile, source: FrameSource) -> Floats:

@@ -75,7 +75,9 @@ def fill_numbers(
     # noise the curves would be smoothed, and the clamp's place with them. Where both edges say that the line lies beside their
     # middle, or more of the body lies on one side of it, one of what was carried and them is wrong.
     aside = 0.5 * scale**2 * (pointed**2 - POINTED_PX**2)  # px^2, of the middle of two clicks
-    numbers["profile"] = float(np.sqrt((SYSTEMATIC * half) ** 2 + mistaken**2 + aside + fit.off**2)) / scale / PROFILE_SHARE
+    wavers = float(np.hypot(SYSTEMATIC * half, fit.off))
+    numbers["wavers"] = wavers / scale
+    numbers["profile"] = float(np.sqrt(wavers**2 + mistaken**2 + aside)) / scale / PROFILE_SHARE
     k = COEFFICIENTS
     work.covariance[:] = 0.0
     seen = mm2 * max(scale, 1.0) ** 2  # a picture that was enlarged tells no more of an edge than the film's own pixels

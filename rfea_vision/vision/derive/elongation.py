@@ -34,14 +34,15 @@ def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -
     return np.diff(there, axis=1) * segments / whole[:, None] - 1.0, whole
 
 
-def elongation_of(segments, coefficients, sign, variance, length, radius, calibrated):
+def elongation_of(segments, coefficients, sign, variance, length, radius, calibrated, from_picture):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     out, hinge = _centre_over_hinge(points_on(coefficients, VERTEX_U, 1), sign * radius, segments)
     step = hinge[:, None] / segments
     noise = radius * np.sqrt(variance) / length[:, None] / step
     joints = np.linspace(0, 1, segments + 1)
     turning = np.diff(calibrated.rotation(points_on(coefficients, joints), tangents(coefficients, joints)), axis=-1)
-    systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)
+    wavers = from_picture.turned_over(step)
+    systematic = (radius / step) ** 2 * (np.sum(turning**2, axis=0) + wavers**2)
     bends = out / np.maximum(1.0 + out, 1e-6)  # curvature of the centre line times half width
     kinked = beside_kinks(bends, np.abs(out), int(np.ceil(radius * segments / float(np.median(hinge)))))
     return out, noise, np.sqrt(noise**2 + systematic + kinked**2), hinge

@@ -204,11 +204,12 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
     length = numbers["length"]
     reach = int(np.ceil(view.half_mm * (rows.nodes - 1) / float(np.median(length))))
     kinked = beside_kinks(view.half_mm * line.curvature, np.abs(line.curvature), reach)
-    curvature_sigma = np.hypot(np.sqrt(variance["bend2"]) / length[:, None] ** 2, kinked)
+    bent_noise = np.sqrt(variance["bend2"]) / length[:, None] ** 2
+    curvature_sigma = np.hypot(np.hypot(bent_noise, from_picture.bent[:, None]), kinked)
     width_noise = np.sqrt(view.inflation * block["width_variance"].astype(float))
-    bend, bend_noise, bend_sigma = _bend(coefficients, variance["tip_slope"], length, view)
+    bend, bend_noise, bend_sigma = _bend(coefficients, variance["tip_slope"], length, from_picture, view)
     elongation, elongation_noise, elongation_sigma, hinge = elongation_of(
-        rows.segments, coefficients, view.sign, variance["joint"], length, view.half_mm, view.calibrated
+        rows.segments, coefficients, view.sign, variance["joint"], length, view.half_mm, view.calibrated, from_picture
     )
     tip, tip_noise, tip_sigma = _tip(line, numbers, node_noise[:, -1], from_picture, view)
     to_side = view.sign * half[..., None] * line.left
@@ -255,7 +256,7 @@ def _node_sigma(
 
 
 def _bend(
-    coefficients: FloatArray, variance: FloatArray, length: FloatArray, view: View
+    coefficients: FloatArray, variance: FloatArray, length: FloatArray, from_picture: PictureErrors, view: View
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angle of the tangent at the tip from that at rest, its noise and its standard error: (t,) rad each."""
     u = np.linspace(0, 1, 65)
@@ -265,7 +266,7 @@ def _bend(
     end = np.ones(1)
     rotation = view.calibrated.rotation(points_on(coefficients, end)[:, 0], tangents(coefficients, end)[:, 0])
     systematic = np.sum(rotation**2, axis=0)
-    return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
+    return angle[:, -1], noise, np.sqrt(noise**2 + systematic + from_picture.turned**2)
 
 
 def _tip(

@@ -37,6 +37,7 @@ class FrameFit(NamedTuple):
     end_lone: float  # of the length, seen from one side
     end_odd: float
     cap_round: float
+    wavers: float  # px by which the line lies off its middle to and fro, 1 s.d.; of edges that are followed their noise says so
 
 
 #: The same for compiled code, which fills one record frame by frame; of many frames each field is a series.
