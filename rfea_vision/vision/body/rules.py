@@ -35,6 +35,8 @@ LEAST_SLENDER = 1.5
 # ever after. Of 14,901 frames of 200 drawn films (seen) these two refuse 63 later ones; in 60 the line was off by half its width.
 FIRST_SEEN = 0.25
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
+# Likewise of its width: a muscle's braid opens to 2.4 times its width at most, from 20 to 54.7 degrees; silicone arms swelled to 1.8.
+WIDTHS = (0.5, 2.4)
 GATHERED = 0.4  # of a line's length, between two of its points: so near to each other it folds
 FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
@@ -165,6 +167,11 @@ def _length(first: First, fit: Fit) -> str:
     return "" if LENGTHS[0] <= share <= LENGTHS[1] else f"{share:.2f} times as long as in the first frame"
 
 
+def _width(first: First, fit: Fit) -> str:
+    share = float(middle(fit.body.half) / middle(first.half))
+    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"{share:.1f} times as wide as in the first frame"
+
+
 def _folded(first: First, fit: Fit) -> str:
     """A body does not bend within its own width, nor gather in one place."""
     step = fit.body.length / (STATIONS - 1)
@@ -198,6 +205,7 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("no_fit", _short),
     ("edge_lost", _edges),
     ("length_off", _length),
+    ("width_off", _width),
     ("off_hints", _elsewhere),
     ("tip_hidden", _beyond),
 )
