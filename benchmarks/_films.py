@@ -93,6 +93,7 @@ def told(name: str, outcome: Outcome) -> str:
     return (
         f"{name}: {found.read}/{found.frames} frames, "
         f"{100 * found.error:.2f} % ({100 * found.carried:.2f}) of {found.range_px:.0f} px, "
+        f"{found.off:.2f} half widths, "
         f"{100 * found.covered:.0f} % within, {line}{found.sure_and_wrong} of {found.compared} sure and wrong, "
         f"{outcome.frames_per_s:.0f} frames/s ({outcome.elapsed_per_s:.0f} by the clock)"
     )
@@ -115,6 +116,7 @@ def rows_of(name: str, outcomes: list[Outcome], against: str, *, alone: bool = F
         ("frames that are wrong and do not say so", wrong, "frames", None, None),
         ("share of the frames tracked, median film", 100 * share, "%", ">= 95", share >= WELL[0]),
         ("error over the range, median film", 100 * error, "%", "<= 2", error <= WELL[1]),
+        ("tip off, median film", _median([item.scored.off for item in compared]), "half widths", None, None),
         ("error over the range less what was off at first, median film", 100 * carried, "%", None, None),
         ("tip within its 95 % interval", 100 * _mean([item.scored.covered for item in compared]), "%", None, None),
         ("speed", _median([item.frames_per_s for item in tracked]), "frames/s of processor time", ">= 60", None),

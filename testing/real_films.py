@@ -260,14 +260,16 @@ class Score:
     """What a track is worth: shares of 1, errors over the range, and numbers of frames.
 
     `error` is the root mean square of how far the line's end lies off where the tip is known to have been, NaN where no such frame was
-    read. `carried` is that of the place which lies beside the line's end as the tip did in the first of these frames, and turns with
-    it: what was off from the start, as a mark beside the middle of the body, counts for nothing there.
+    read; `off` is the same over the half width of the body: what moves little has a large error. `carried` is that of the place which
+    lies beside the line's end as the tip did in the first of these frames, and turns with it: what was off from the start, as a mark
+    beside the middle of the body, counts for nothing there.
     """
 
     read: int
     frames: int
     compared: int
     error: float
+    off: float
     carried: float
     covered: float
     sure_and_wrong: int
@@ -297,6 +299,7 @@ def score(ends: Ends, true_px: Floats, hand_px: float, half_width_px: float) -> 
         frames=len(read),
         compared=compared,
         error=_rms(apart) / range_px,
+        off=_rms(apart) / half_width_px,
         carried=_rms(np.abs(_as_numbers(off) - _carried(off, ends.heading_rad[both]))) / range_px,
         covered=float(np.mean(beyond < CERTAIN)) if compared else np.nan,
         sure_and_wrong=int(astray.sum()),
