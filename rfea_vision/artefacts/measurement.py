@@ -79,6 +79,11 @@ class Actuator:
         return bend_sign(self.bends)
 
     @property
+    def width_key(self) -> str:
+        """The key that says how wide it is in the plane of motion."""
+        return "actuator.section.thickness" if self.kind == "rectangle" else "actuator.outer_radius"
+
+    @property
     def offset(self) -> float:
         """How far the centre line lies outside the hinge line (m): a tube bends about its side, a beam about its middle."""
         return self.outer_radius if self.kind == "tube" else 0.0

@@ -57,7 +57,8 @@ class Finder:
             )
             return None
         there = _nearby(self.folders[0], name)
-        self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
+        even = ", or, where they were taken at an even rate, write frames.rate, such as '30 Hz'" * (key == "frames.times")
+        self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there{even}")
         return None
 
     def photos(self, key: str, patterns: str | list[str] | None) -> tuple[Path, ...]:

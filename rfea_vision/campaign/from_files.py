@@ -18,6 +18,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.yaml_line import flow
 
 _MOST_FILES = 1000  # more is a whole disk, not a campaign
+_ALBUM = 30  # more pictures than these are no photos of a board
 #: Boards as they are sold and printed, the usual ones first.
 _SIZES = ((9, 6), (8, 6), (7, 6), (7, 5), (8, 5), (10, 7), (11, 8), (6, 5), (7, 4), (6, 4), (5, 4), (6, 9), (5, 7))
 
@@ -55,6 +56,8 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
     runs, alone = _runs(found)
     if not runs:
         seen = "; ".join(f"{item.path.name}: {item.note or item.what}" for item in found[:6])
+        if sum(item.what == "picture" for item in found) > _ALBUM:
+            seen += "; of pictures that are a film 'rfea init DIR' writes a campaign: 'frames: {folder: NAME, rate: 30 Hz}' in it"
         raise InputError(
             f"{folder}: none of the files holds a film or a track ({seen}); give those of at least one run"
         )

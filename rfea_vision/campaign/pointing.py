@@ -190,8 +190,7 @@ def of_size(hints: Hints, calibration: Calibration, tube: Actuator) -> list[tupl
     if hints.clamp is not None:
         wide_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, np.array(hints.clamp)))[-1]), 2e3 * tube.outer_radius
         if not 1.0 / _OTHER_SIZE < wide_mm / tube_mm < _OTHER_SIZE:
-            key = "actuator.outer_radius" if tube.kind == "tube" else "actuator.section"
-            text = f"its two points are {wide_mm:.3g} mm apart by camera.scale, and the tube is {tube_mm:.3g} mm wide by {key}"
+            text = f"its two points are {wide_mm:.3g} mm apart by camera.scale, and the tube {tube_mm:.3g} mm wide by {tube.width_key}"
             found.append(("clamp", f"{text}; are they the two edges of the tube, and is no diameter given as a radius?"))
     if hints.clamp is not None and hints.tip is not None:
         long_mm, tube_mm = float(along(pixels_to_plane_mm(calibration, pointed_line(hints)))[-1]), 1e3 * tube.length

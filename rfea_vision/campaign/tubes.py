@@ -142,8 +142,7 @@ def of_width(track: xr.Dataset, tube: Actuator) -> list[str]:
     off = width_mm / given_mm / long - 1
     if not abs(off) > max(_OTHER_WIDTH, _CLEAR * sigma_mm / width_mm):
         return []
-    key = "actuator.outer_radius" if tube.kind == "tube" else "actuator.section"
-    seen_as = f"the tube is seen {width_mm:.3g} mm wide, and is {given_mm:.3g} mm by {key}"
+    seen_as = f"the tube is seen {width_mm:.3g} mm wide, and is {given_mm:.3g} mm by {tube.width_key}"
     return [f"{seen_as} ({100 * off:+.0f} % beside its length); is that right?"]
 
 

@@ -151,7 +151,7 @@ def film_lacks(trials: Trials) -> str:
         )
     wide_mm, tube_mm = wide_px / scene.px_per_mm, 2.0 * scene.half_mm
     if max(wide_mm / tube_mm, tube_mm / wide_mm) > OTHER_WIDTH:
-        key = "actuator.outer_radius" if scene.actuator.kind == "tube" else "actuator.section"
+        key = scene.actuator.width_key
         return (
             f"camera.clamp is {wide_mm:.3g} mm wide by the scale, and the tube {tube_mm:.3g} mm by {key}: point at the two edges of "
             "the tube where it leaves what holds it, or correct the scale or the tube's width"

@@ -240,6 +240,14 @@ def test_a_workbook_is_told_to_be_saved_as_text(tmp_path):
     assert look(tmp_path / "log.xlsx").note == "no reader for '.xlsx'; save it as CSV"
 
 
+def test_pictures_of_a_film_are_told_how_they_are_read(tmp_path):
+    """That none of them is a film was all that was said."""
+    for number in range(31):
+        (tmp_path / f"{number}.png").touch()
+    with pytest.raises(InputError, match=r"of pictures that are a film .*'frames: \{folder: NAME, rate: 30 Hz\}' in it"):
+        write_campaign_from(tmp_path / "tube", [tmp_path])
+
+
 def test_the_run_that_judges_has_a_pressure(tmp_path):
     """The last one was set aside, with a log or without."""
     for name in "abc":

@@ -395,3 +395,12 @@ def test_a_run_is_told_by_its_name_where_its_folder_is_asked_for(campaign):
     edit(campaign / "steps" / "experiment.yaml", name="first")
     with pytest.raises(InputError, match=r"no experiment 'steps'; there are: .*; the one in that folder has the name 'first'"):
         load_campaign(campaign).experiment("steps")
+
+
+def test_pictures_without_a_table_of_times_are_told_of_their_rate(campaign):
+    """They were asked for frames.csv alone, which an even rate does not need."""
+    file = campaign / "steps" / "experiment.yaml"
+    file.write_text(file.read_text().replace("track: {file: track.csv}", "frames: {folder: frames}"))
+    (campaign / "steps" / "frames").mkdir()
+    told = [str(problem) for problem in read_campaign(campaign).problems if problem.key == "frames.times"]
+    assert len(told) == 1 and told[0].endswith("or, where they were taken at an even rate, write frames.rate, such as '30 Hz'")

@@ -62,6 +62,14 @@ def test_a_clamp_or_a_tip_where_the_tube_may_not_be_is_doubted(hints, said):
     assert found.keys() == said.keys() and all(text in found[key] for key, text in said.items())
 
 
+@pytest.mark.parametrize(("kind", "key"), [("rod", "actuator.outer_radius"), ("rectangle", "actuator.section.thickness")])
+def test_a_width_is_told_by_the_key_that_says_it(kind, key):
+    """Of a rod, whose radius is `actuator.outer_radius`, `actuator.section` was named, which says nothing of it."""
+    camera = CameraSpec(scale=ScalePart.model_validate({"points": RULER, "distance": "100 cm"}), hints=HINTS)
+    _, odd = of_camera(camera, FILM, replace(TUBE, kind=kind, width=0.02), 0.0)
+    assert f"the tube 9 mm wide by {key};" in dict(odd)["camera.clamp"]
+
+
 @pytest.mark.parametrize(
     ("hints", "scale", "keys"),
     [

@@ -79,7 +79,7 @@ def test_a_radius_that_the_film_does_not_show_is_doubted():
     (text,) = of_width(_seen(8.03), TUBE)
     assert "seen 8.03 mm wide, and is 10 mm by actuator.outer_radius (-20 %" in text
     (text,) = of_width(_seen(8.03), replace(TUBE, kind="rectangle", width=0.03))
-    assert "by actuator.section" in text
+    assert "by actuator.section.thickness" in text
     assert of_width(_seen(10.3), TUBE) == of_width(_seen(8.0, sigma_mm=0.8), TUBE) == []
     assert of_width(_seen(8.0, length_mm=0.8 * 155), TUBE) == []  # as short as it is narrow: the scale, which is told of the length
     assert of_width(_seen(8.03).assign_attrs(followed_by="body"), TUBE) == []  # pale on paper: no edges to speak of
