@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,12 +56,21 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
         return
     for path in written.files:
         click.echo(str(path))
-    for sentence in written.guesses:
+    for sentence in guessed_once(written.guesses, {path.parent.name for path in written.files}):
         say(f"guessed: {sentence}")
     for sentence in written.left_out:
         say(f"left out: {sentence}")
     say("look at the lines marked '# guessed:' and '# needed:'; those marked '# if needed:' wait for their '#' to be taken away")
     say_next("rfea check", folder, why="what is still wrong, all at once")
+
+
+def guessed_once(guesses: Sequence[str], runs: Collection[str]) -> list[str]:
+    """Each guess that runs have alike once, with the other runs that have it."""
+    alike = dict[str, list[str]]()
+    for sentence in guesses:
+        run = max((name for name in runs if sentence.startswith(f"{name}.")), key=len, default="")
+        alike.setdefault(sentence.removeprefix(run), []).append(run)
+    return [f"{first}{said}" + (f" (likewise {', '.join(others)})" if others else "") for said, (first, *others) in alike.items()]
 
 
 def told_once(problems: Sequence[FileProblem]) -> list[tuple[FileProblem, list[str]]]:

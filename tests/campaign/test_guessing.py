@@ -14,6 +14,7 @@ from rfea_vision.campaign.from_files import write_campaign_from
 from rfea_vision.campaign.guess import look
 from rfea_vision.campaign.schema import CampaignFile
 from rfea_vision.campaign.template import write_campaign_template
+from rfea_vision.cli.setup import guessed_once
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
@@ -435,3 +436,10 @@ def test_a_leap_of_a_track_is_not_taken_for_the_tubes_length_or_side(tmp_path):
     campaign = load_campaign(tmp_path)
     assert campaign.actuator.bends == "left" and campaign.actuator.length == pytest.approx(0.120, rel=2e-3)
     assert not [item for item in check_campaign(tmp_path).problems if "actuator.length" in str(item)]
+
+
+def test_a_guess_that_runs_have_alike_is_printed_once():
+    """Of six runs the seven guesses about each were 36 lines, and those about the tube came last."""
+    guesses = ["a.role: train: a", "b.role: train: a", "b-2.role: train: a", "b.pressure: b.csv: names", "actuator.length: 9 mm: paper"]
+    assert guessed_once(guesses, {"a", "b", "b-2"}) == [
+        "a.role: train: a (likewise b, b-2)", "b.pressure: b.csv: names", "actuator.length: 9 mm: paper"]  # fmt: skip

@@ -84,6 +84,18 @@ def test_a_beams_report_tells_nothing_of_a_bore(copy: Path) -> None:
     assert "with the inner radius" not in text and "In the units of the paper's table" not in text and "bending stiffness" in text
 
 
+def test_why_there_is_no_test_score_is_said(copy: Path) -> None:
+    """'No experiment has role: test, or the search was stopped before the end' left the reader to find out which."""
+    path = copy / "ladder.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"test": None}))
+    assert "No test score: no experiment has role: test ." in words(page_of(copy))
+    recording = next(copy.glob("*/recording.nc"))
+    dataset = read_dataset(recording)
+    dataset.attrs["role"] = "test"
+    Recording(dataset).save(recording)
+    assert "No test score: the search was stopped before the end." in words(page_of(copy))
+
+
 def test_without_a_held_out_run_the_verdict_says_so(copy: Path) -> None:
     """Of one run that was fitted the page said without more ado that nothing that matters is missing."""
     path = copy / "ladder.json"
