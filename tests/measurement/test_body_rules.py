@@ -155,10 +155,20 @@ def test_a_line_that_turns_within_its_width_is_folded_and_where_is_said():
     """A turn of 140 degrees over 20 px, at two fifths of a line: of a body 8 px wide, and of one that is 20 px wide."""
     heading = 2.5 * np.clip((SHARES - 0.35) / 0.1, 0.0, 1.0)
     line = 60.0 + 200.0 / 64 * np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
-    first = First(200.0, np.full(STATIONS, 10.0), (300, 300), 100.0, 2.0, None)
+    first = First(200.0, np.full(STATIONS, 6.0), (300, 300), 100.0, 2.0, None)
     bodies = [first_body(np.zeros((300, 300, 3), np.uint8), line, half) for half in (4.0, 10.0)]
     thin, wide = (refused(first, as_first(body)) for body in bodies)
     assert thin == "" and re.fullmatch(r"no_fit: the line that fits is folded, (3[5-9]|4[0-5]) mm from the clamp", wide)
+
+
+@pytest.mark.parametrize(("times", "says"), [(2.2, ""), (2.6, "2.6"), (0.6, ""), (0.4, "0.4")])
+def test_a_body_that_would_be_much_wider_than_at_first_or_thinner_is_another_thing(times, says):
+    """A muscle's line had come to three times its first width, and lay over the felt beside it."""
+    line = 60.0 + np.column_stack([200.0 * SHARES, 0.0 * SHARES])
+    body = first_body(np.zeros((300, 300, 3), np.uint8), line, 8.0)
+    first = First(200.0, body.half, (300, 300), 100.0, 2.0, None, as_first(body))
+    swollen = as_first(replace(body, half=times * body.half))
+    assert refused(first, swollen) == (says and f"no_fit: the line that fits is {says} times as wide as in the first frame")
 
 
 def test_a_line_that_crosses_the_wall_to_another_thing_is_refused_and_where_is_said():

@@ -169,7 +169,7 @@ def _length(first: First, fit: Fit) -> str:
 
 def _width(first: First, fit: Fit) -> str:
     share = float(middle(fit.body.half) / middle(first.half))
-    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"{share:.1f} times as wide as in the first frame"
+    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"the line that fits is {share:.1f} times as wide as in the first frame"
 
 
 def _folded(first: First, fit: Fit) -> str:
@@ -205,7 +205,7 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("no_fit", _short),
     ("edge_lost", _edges),
     ("length_off", _length),
-    ("width_off", _width),
+    ("no_fit", _width),
     ("off_hints", _elsewhere),
     ("tip_hidden", _beyond),
 )
