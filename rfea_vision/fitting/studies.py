@@ -128,7 +128,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> LeaveOneOut:
     if len(problem.train) < 2:
         raise DataError("--leave-one-out: there is one training run only; give a second one the role 'train'")
     experiments: dict[str, LeftOutRun] = {}
-    errors, values = [], []
+    errors, values, without = [], [], []
     for index, left in enumerate(problem.train):
         rest = [o for o in problem.train if o is not left]
         clocks = np.delete(fitted.solution.clocks, index)
@@ -141,6 +141,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> LeaveOneOut:
         errors_of_it = scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"})
         experiments[left.name] = cast(LeftOutRun, {**errors_of_it, "parameters": one.values})
         values.append(one.par)
+        without.append(left.name)
         if left.name in parts and parts[left.name].tip is not None:
             errors.append(parts[left.name].tip)
     pooled = float(np.sqrt(np.mean(np.concatenate(errors)))) if errors else None
@@ -149,7 +150,10 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> LeaveOneOut:
     sentence = "no fit without one of the runs could be simulated"
     if values and free:
         worst = free[int(np.argmax(spread[free]))]
-        sentence = f"{fitted.model.names[worst]} moves most when a run is left out: by {100 * spread[worst]:.2g} %"
+        sentence = f"{fitted.model.names[worst]} moves most when a run is left out: by {rounded(100 * spread[worst], 2)} %"
+        if len(values) > 2:  # of two fits neither is the odd one
+            found = np.array(values)[:, worst]
+            sentence += f", farthest without {without[int(np.argmax(np.abs(found - np.median(found))))]}"
         if pooled is not None:
             sentence += f"; the tip error on runs left out is {rounded(pooled)} mm"
     return {

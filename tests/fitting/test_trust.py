@@ -192,6 +192,22 @@ def test_each_run_is_left_out_in_turn(fitted):
         leave_one_out(replace(problem, train=problem.train[:1]), one)
 
 
+def test_the_run_without_which_a_parameter_moves_farthest_is_named(fitted, monkeypatch):
+    """Of three runs, one of them with a log in psi for kPa, the parameter was named and not the run."""
+    problem, one = fitted
+    first = problem.train[0]
+    three = replace(problem, train=tuple(replace(first, name=name) for name in ("a", "b", "c")))
+
+    def without(*_args, items):
+        moved = 1.0 if any(item.name == "b" for item in items) else 1.45
+        return SimpleNamespace(model=one.model, par=one.par * np.array([moved, *np.ones(len(one.par) - 1)]), values=one.values)
+
+    monkeypatch.setattr("rfea_vision.fitting.studies.refit", without)
+    clocks = replace(one, solution=replace(one.solution, clocks=np.zeros(3)))
+    said = leave_one_out(three, clocks)["sentence"]
+    assert said.startswith("k_ref moves most when a run is left out: by 45 %, farthest without b;")
+
+
 @pytest.mark.parametrize("period_s", [1 / 240, 1 / 30])
 def test_a_tube_that_rings_is_not_called_noise(period_s):
     """However few frames show it: at 30 a second, 3 Hz that die away after every step have lost their memory in one and a half."""
