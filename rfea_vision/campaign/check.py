@@ -237,7 +237,7 @@ class _Run(Look):
     def in_px(self) -> bool:
         """Whether the track is looked at in pixels, which a camera makes mm later."""
         spec = self.experiment.track
-        return spec is not None and self.experiment.camera is not None and spec.keys.scale is None
+        return spec is not None and bool(spec.keys.points) and self.experiment.camera is not None and spec.keys.scale is None
 
 
 def _look_at_film(run: _Run, video: VideoSpec) -> None:
@@ -265,7 +265,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
 
 
 def _look_at_track(run: _Run, spec: TrackSpec) -> None:
-    """Times and places of a track that another tool made."""
+    """Times and places of a track that another tool, or an earlier run of this one, has made."""
     from rfea_vision.readers.tracks import read_track
 
     experiment = run.experiment
@@ -277,6 +277,9 @@ def _look_at_track(run: _Run, spec: TrackSpec) -> None:
     )
     run.track, run.seconds = track, track.time_s
     run.motion, run.line = motion_of(track.dataset)[0], repeats.line_of(track.dataset)
+    if "doubts" in track.dataset.attrs:  # a track of our own, which was doubted where it was made
+        run.doubt("track", str(track.dataset.attrs["doubts"]))
+        return
     run.warn("track", *plausibility.of_gaps(track.time_s))
     if not run.in_px and run.tube_known:
         tube = experiment.actuator
@@ -293,7 +296,7 @@ def _look_at_pressure(run: _Run) -> None:
     except RfeaError as error:
         run.refuse("pressure", str(error))
         return
-    for key, text in _unseen_signals(experiment, log):
+    for key, text in _unseen_signals(experiment, log, lamp=track is not None and "lamp" in track.dataset):
         run.refuse(key, text)
     run.log, run.highest_kPa = log, float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log)
@@ -325,17 +328,17 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog) -> list[str]:
     return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa, held=held)
 
 
-def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[str, str]]:
-    """What `sync.method` needs of film and log, and they have not: keys and why."""
+def _unseen_signals(experiment: ExperimentSpec, log: PressureLog, *, lamp: bool) -> list[tuple[str, str]]:
+    """What `sync.method` needs of film and log, and they have not: keys and why; `lamp`: a track without its film has the lamp."""
     sync = experiment.sync
     if sync.method not in ("led", "trigger"):
         return []
-    if sync.method == "led" and experiment.video is None:
+    if sync.method == "led" and experiment.video is None and not lamp:
         return [("sync.method", "'led' looks for a lamp in the film, and this run has none; take motion, or common_clock")]
     try:
         log.signal(sync.method, sync.channel)
     except InputError as error:
         return [("sync.channel", str(error))]
-    if sync.method == "led" and sync.lamp_box is None:
+    if sync.method == "led" and sync.lamp_box is None and not lamp:
         return [("sync.box", "is missing; the method 'led' needs the lamp's box in the picture, [x, y, width, height] in px")]
     return []

@@ -11,6 +11,7 @@ from typing import Literal, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.archived import beside_results
 from rfea_vision.campaign.problems import FileProblem, problem_at, validation_problems
 from rfea_vision.campaign.reach import Reach
 from rfea_vision.campaign.resolve import resolve_actuator, resolve_camera, resolve_experiment
@@ -161,7 +162,7 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
     broken: list[ExperimentSpec] = []
     files = [path for path in sorted(root.glob("*/experiment.yaml")) if out not in (path.parent, *path.parents)]
     for path in files:
-        experiment, found = _read_experiment(reach, path, shared, said)
+        experiment, found = _read_experiment(reach, path, shared, said, out)
         problems += found
         if any(problem.severity == "error" for problem in found):
             broken += [experiment] if experiment is not None else []
@@ -206,7 +207,7 @@ def _is_long(name: str) -> bool:
 
 def _read_lone(reach: Reach, out: Path) -> Reading:
     folder = reach.root
-    experiment, problems = _read_experiment(reach, folder / "experiment.yaml", None, set())
+    experiment, problems = _read_experiment(reach, folder / "experiment.yaml", None, set(), out)
     if experiment is None:
         return Reading(None, (), tuple(problems))
     found, broken = (experiment,), ()
@@ -225,7 +226,7 @@ def _read_within(reach: Reach, path: Path) -> YamlFile:
 
 
 def _read_experiment(
-    reach: Reach, path: Path, shared: YamlFile | None, said: set[str]
+    reach: Reach, path: Path, shared: YamlFile | None, said: set[str], out: Path
 ) -> tuple[ExperimentSpec | None, list[FileProblem]]:
     """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there.
 
@@ -256,7 +257,8 @@ def _read_experiment(
     folders = (path.parent,) if shared is None else (path.parent, shared.path.parent)
     experiment, found = resolve_experiment(parsed, name, actuator or Actuator(), reach, folders, files)
     said = {part for part in said if part not in own.content}
-    problems += [problem for problem in found if not _about(problem, problems) and _part(problem) not in said]
+    found = [problem for problem in found if not _about(problem, problems) and _part(problem) not in said]
+    problems += beside_results(found, experiment, out, files)
     if parsed.role == "ignore":  # what is set aside may be broken
         problems = [problem for problem in problems if problem.key.startswith(("role", "format"))]
     return experiment, problems

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from rfea_vision.errors import InputError
 from rfea_vision.readers.apart import ask, isolated, serving
-from rfea_vision.readers.kinds import capture, columns, labview, matlab, poses, ros, text
+from rfea_vision.readers.kinds import capture, columns, labview, matlab, own, poses, ros, text
 from rfea_vision.readers.kinds.base import Kind, Points, Table
 
 KINDS: tuple[Kind, ...] = (
+    *own.KINDS,
     *poses.KINDS,
     *capture.KINDS,
     *text.KINDS,

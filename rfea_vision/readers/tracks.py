@@ -1,10 +1,11 @@
-"""Tracks made by other tools: a tip, nodes along the centre line, or an inclinometer's angle, over time."""
+"""Tracks made by other tools: a tip, nodes along the centre line, or an inclinometer's angle, over time; and our own."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -39,12 +40,12 @@ _LAST_CHORDS = 4
 def read_track(
     path: Path, *, bends: str = "left", spec: TrackPart | None = None, to_rig_mm: Lengths | None = None
 ) -> Track:
-    """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg), or poses of another tool.
+    """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg), poses of another tool, or a track of our own.
 
     Parameters
     ----------
     path : any table with ``time_s`` and at least one of the groups above; optional ``sigma_mm``, ``sigma_deg``; or a
-        file of named points, of which `spec` says which lie on the tube
+        file of named points, of which `spec` says which lie on the tube; or a ``track.nc``, which is taken as it is
     bends : the direction in which angles are positive
     spec : which points, axes, scale and rate; needed where the file holds named points
     to_rig_mm : pixels to mm along the rig's axes, where a calibrated camera is known
@@ -62,6 +63,8 @@ def read_track(
         If columns are missing or do not belong together, time does not increase, or no row is complete.
     """
     table = read_table(path)
+    if table.track is not None:
+        return _own(table, table.track, bends, spec)
     points = points_in(table, spec)
     if points is None:
         _refuse_keys_of_points(path, spec)
@@ -95,6 +98,22 @@ def read_track(
         sigma = _errors(sigma_deg, angle[:, None, None], valid)[:, 0]
         _add_with_sigma(dataset, "bend_angle", ("time",), angle, sigma, valid, "deg")
     return Track(dataset)
+
+
+def _own(table: Table, track: Mapping[str, Any], bends: str, spec: TrackPart | None) -> Track:
+    """Return a track of this program as it was written, doubts included: nothing is estimated, and no key says anything of it."""
+    asked = sorted((spec.model_fields_set if spec is not None else set()) - {"file"})
+    if asked:
+        raise InputError(f"{table.source}: track.{asked[0]}: means nothing for a track that rfea has made; leave it out")
+    dataset = xr.Dataset.from_dict(track)
+    bent = str(dataset.attrs.get("bends", bends))
+    if bent != bends:
+        remedy = f"write {bent} there, or track the film again"
+        raise InputError(f"{table.source}: was made with 'bends: {bent}', and actuator.bends is {bends}; {remedy}")
+    try:
+        return Track(dataset)
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}; export it again") from error
 
 
 def _errors(sigma: FloatArray | None, places: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:

@@ -201,13 +201,15 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source.keys, to_rig_mm=to_rig_mm)
-        doubts, tube = plausibility.of_gaps(found.time_s), experiment.actuator
-        if camera is None:
-            doubts += plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
-        found.dataset.attrs["doubts"] = "; ".join(doubts)
+        if "doubts" not in found.dataset.attrs:  # else it is a track of our own, which was doubted where it was made
+            doubts, tube = plausibility.of_gaps(found.time_s), experiment.actuator
+            if camera is None:
+                doubts += plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
+            found.dataset.attrs["doubts"] = "; ".join(doubts)
         found.save(path)
         say_warnings(work, experiment, found)
-        return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
+        noise = found.dataset.attrs.get("sigma_source", "as it was told of the film")
+        return found, [path], f"{describe_track(found)}; noise {noise}"
 
     return work.run(
         Stage(

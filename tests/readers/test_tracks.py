@@ -1,9 +1,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from rfea_vision.artefacts import Track
+from rfea_vision.campaign.schema import TrackPart
 from rfea_vision.errors import InputError
+from rfea_vision.readers.apart import isolating
 from rfea_vision.readers.tracks import noise_of, read_track
 
 TIME_S = np.arange(480) / 240
@@ -137,3 +140,42 @@ def test_a_bad_track_is_named(tmp_path, text, says):
     with pytest.raises(InputError) as caught:
         read_track(file)
     assert str(caught.value).startswith(str(file)) and says in str(caught.value)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A track as a film gives it: more than any table has, its errors among them, and a frame without a tube."""
+    _, nodes = arc()
+    valid = np.arange(len(TIME_S)) != 7
+    dataset = xr.Dataset(
+        {
+            "valid": ("time", valid.astype(np.int8)),
+            "reason": ("time", np.where(valid, "", "no_fit").astype(object)),
+            "tip": (("time", "xy"), np.where(valid[:, None], nodes[:, -1], np.nan), {"units": "mm"}),
+            "tip_sigma": (("time", "xy"), np.full((len(TIME_S), 2), 0.3, dtype=np.float32), {"units": "mm"}),
+            "lamp": ("time", np.linspace(0.0, 255.0, len(TIME_S))),
+        },
+        coords={"time": ("time", TIME_S, {"units": "s"}), "xy": ["x", "y"]},
+        attrs={"Conventions": "CF-1.10", "bends": "left", "doubts": "", "clamp_px_x": 12.5, "marks": 3},
+    )
+    Track(dataset).save(tmp_path / "track.nc")
+    return tmp_path / "track.nc"
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_a_track_of_our_own_is_read_as_it_was_written(own, tmp_path, apart):
+    """Of an archived film the track was left, and refused as no file of movement's poses."""
+    with isolating(apart):
+        read_track(own).save(tmp_path / "again.nc")
+    assert (tmp_path / "again.nc").read_bytes() == own.read_bytes()
+
+
+def test_a_track_of_our_own_is_refused_where_something_else_is_meant(own, tmp_path):
+    with pytest.raises(InputError, match=r"was made with 'bends: left', and actuator.bends is right"):
+        read_track(own, bends="right")
+    with pytest.raises(InputError, match=r"track.angle: means nothing for a track that rfea has made"):
+        read_track(own, spec=TrackPart(file="track.nc", angle="bend_angle"))
+    recording = Track.load(own).dataset.assign(pressure=("log_time", np.zeros(3)))
+    Track(recording).save(tmp_path / "recording.nc")
+    with pytest.raises(InputError, match=r"is a recording, on the clock of its log; give the track.nc beside it"):
+        read_track(tmp_path / "recording.nc")

@@ -69,6 +69,7 @@ class Table:
     times_s : name to the time of each sample, where the file keeps one per channel (.mf4)
     points : by individual (one entry with an empty name where there is only one), where the file holds poses
     zero_s : when `times_s` are 0, in s after 1970, where the file says it
+    track : a track of this program whole, as xarray's `Dataset.to_dict` has it
     """
 
     source: str
@@ -77,6 +78,7 @@ class Table:
     times_s: Mapping[str, np.ndarray] = field(default_factory=dict)
     points: Mapping[str, Points] = field(default_factory=dict)
     zero_s: float | None = None
+    track: Mapping[str, Any] | None = None
 
     def numbers(self, name: str) -> np.ndarray:
         """Return a column (rows,) as float64.
