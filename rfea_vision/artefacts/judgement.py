@@ -86,6 +86,7 @@ class ExperimentScore(Metrics):
     frames_used: int = 0
     step_s: float | None = None  # longest step of the integrator on this run
     nuisance: dict[str, float] = Field(default_factory=dict)
+    pressure_times: float | None = None  # of one run that stands apart: so high its log is beside those of the others
 
 
 class ModelFit(_Json):

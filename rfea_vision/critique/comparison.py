@@ -17,6 +17,7 @@ from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentR
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
+from rfea_vision.fitting.odd_pressure import about_odd_pressure
 from rfea_vision.fitting.scoring import worse_than_nothing
 from rfea_vision.units import rounded
 
@@ -258,6 +259,7 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
             f"{100 * totals[worst] / sum(totals.values()):.0f} % of the squared error falls into the phase '{worst}'."
         )
     out += [place.sentence for place in comparison.where[:2]]
+    out += about_odd_pressure(model.experiments)
     ranked = comparison.residual_torque.get("depends_on") or []
     torque = comparison.residual_torque.get("rms_mNm")
     if model.meets_no_run:  # a torque by such parameters tells nothing

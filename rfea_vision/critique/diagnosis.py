@@ -20,6 +20,7 @@ from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trials, plain
 from rfea_vision.critique.verdict import Verdict, decide, hides, remainder_of, sets_of, unseen
 from rfea_vision.errors import DataError
+from rfea_vision.fitting.odd_pressure import about_odd_pressure
 from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free
 from rfea_vision.fitting.refit import Fitted, in_long_steps, refit
@@ -194,7 +195,7 @@ def diagnose(
         problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress,
         scored=held_of(model), refused=model.refused,
     )  # fmt: skip
-    said = [*worse_than_nothing(model.experiments), *judgement.diagnosis.warnings]
+    said = [*about_odd_pressure(model.experiments), *worse_than_nothing(model.experiments), *judgement.diagnosis.warnings]
     return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure
 
 

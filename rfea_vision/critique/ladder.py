@@ -27,6 +27,7 @@ from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.information import delta_bic
+from rfea_vision.fitting.odd_pressure import about_odd_pressure
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
@@ -174,7 +175,7 @@ class _Climb:
     def note(self, diagnosis: Diagnosis) -> None:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
-        self.doubts = worse_than_nothing(self.model.experiments)
+        self.doubts = [*about_odd_pressure(self.model.experiments), *worse_than_nothing(self.model.experiments)]
         worst = diagnosis.where[0].sentence if diagnosis.where else ""
         self.failed = self.failed or worst
         if diagnosis.verdict == "unexplained" and self.failed:  # in later models added effects hide a part of it

@@ -19,6 +19,7 @@ from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.odd_pressure import about_odd_pressure, odd_pressure
 from rfea_vision.fitting.other_unit import about_psi
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
@@ -165,6 +166,8 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     predicted = fitted.solution.evaluation.predicted
     clocks = np.concatenate([fitted.solution.clocks, fit_clocks(fitted.model, problem.validate, fitted.par)])
     scores, parts = score(problem, fitted.model, fitted.par, problem.scored, clocks)
+    for name, times in odd_pressure(fitted.model, fitted.par, problem.scored, clocks).items():
+        scores[name] = scores[name].model_copy(update={"pressure_times": times})
     found = intervals(fitted, problem.train, problem.actuator, drift(problem, fitted, problem.train))
     left = {o.name: left_of(o, one) for o, one in zip(problem.train, predicted, strict=True)}
     errors = {name: part.tip for name, part in parts.items() if part.tip is not None}
@@ -205,6 +208,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
             *found.sentences,
             *alarms(fitted, problem.actuator),
             *about_psi(problem, fitted),
+            *about_odd_pressure(scores),
             *_about_runs(problem, fitted),
             *worse_than_nothing(scores),
         ],

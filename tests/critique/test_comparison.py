@@ -85,12 +85,15 @@ def test_noise_is_no_gap_that_a_torque_would_close(error, said):
     """Of a model at the floor the residual torque is that of noise, differentiated twice: as large as that of a failure."""
     scores = {"validate": Metrics(angle_rmse_deg=error)}
     model: Any = SimpleNamespace(
-        name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1, meets_no_run=False
+        name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1, meets_no_run=False, experiments={}
     )
     rate = {"on": "rate", "what": "the rate", "score": 0.44, "sentence": "44 % of its variance goes with the rate."}
     torque = {"rms_mNm": 0.95, "depends_on": [rate]}
     told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
     assert any("torque" in text for text in told) == said
+    model.experiments = {"run": ExperimentScore(role="train", pressure_times=1.45)}
+    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    assert "run is off as if its pressure were logged 1.45 times as high" in " ".join(told)
     model.meets_no_run, model.experiments = True, {"run": ExperimentScore(role="train", normalised_fit_percent=-20.0)}
     lost = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
     assert "never moves" in lost[-1] and not any("torque" in text for text in lost)
