@@ -15,7 +15,10 @@ from rfea_vision.cli.options import PATH, Command, campaign_options, opened
 from rfea_vision.errors import DataError
 
 if TYPE_CHECKING:
+    from rfea_vision.artefacts import Track
+    from rfea_vision.campaign import ExperimentSpec
     from rfea_vision.stages import Workspace
+    from rfea_vision.stages.stored import Stored
 
 
 def experiment_option(command: Command) -> Command:
@@ -108,12 +111,19 @@ def track_command(
 
     Centre line, edges, width, curvature, tip, bend angle and elongation go to track.nc.
     """
-    from rfea_vision.stages.measurement import facts_of_track
+    from rfea_vision.stages import measurement
 
+    previews: dict[str, Path] = {}
     with opened(campaign, out, "track", "clip", force=force, only=names) as work:
-        tracks = work.each(names, work.track_of, "tracked")
-        previews = work.preview(names) if preview else {}
-        facts = {name: track.facts or facts_of_track(track.value) for name, track in tracks.items()}
+
+        def of(experiment: ExperimentSpec) -> Stored[Track]:
+            tracked = work.track_of(experiment)
+            if preview and (names or experiment.video is not None):
+                previews[experiment.name] = measurement.preview(work, experiment).value
+            return tracked
+
+        tracks = work.each(names, of, "tracked")
+        facts = {name: track.facts or measurement.facts_of_track(track.value) for name, track in tracks.items()}
     summary = [
         {
             "experiment": name,

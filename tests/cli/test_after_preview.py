@@ -1,10 +1,16 @@
-"""What is proposed once the tracks have been drawn."""
+"""Which tracks are drawn, and what is proposed once they have been."""
 
 import os
 from types import SimpleNamespace
 
+from campaign.campaigns import write_campaign
+
 from rfea_vision.artefacts.judgement import UNCERTAIN
 from rfea_vision.cli.model import _say_after
+from rfea_vision.stages import measurement
+from rfea_vision.stages.stored import Stored
+
+from .console import rfea
 
 
 def test_a_preview_that_is_there_is_looked_at_and_not_drawn_again(tmp_path, capsys):
@@ -21,3 +27,13 @@ def test_a_preview_that_is_there_is_looked_at_and_not_drawn_again(tmp_path, caps
     os.utime(preview, (1.0, 1.0))  # of an earlier track
     _say_after(judged, tmp_path, tmp_path)
     assert "rfea track" in capsys.readouterr().out
+
+
+def test_one_broken_run_does_not_keep_the_others_from_being_drawn(tmp_path, monkeypatch):
+    """They were tracked, and none had a preview until the broken one was set aside."""
+    campaign, drawn = write_campaign(tmp_path / "c", {"one": "train", "two": "train", "three": "validate"}), []
+    (campaign / "one" / "track.csv").write_text("time_s,tip_x_mm\n0,1\n")
+    monkeypatch.setattr(measurement, "preview", lambda work, run: Stored.of(drawn.append(run.name) or work.out))
+    answer = rfea("track", campaign, "-e", "one", "-e", "two", "-e", "three", "--preview")
+    assert answer.code == 2 and "(2 of 3 experiments were tracked; " in answer.err
+    assert drawn == ["two", "three"]
