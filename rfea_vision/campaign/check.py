@@ -325,6 +325,8 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog) -> list[str]:
         run.angle = pair
     held = run.experiment.rig.held
     run.rest = None if held else repeats.rest_of(track.dataset, np.interp(shifted, log.time_s, log.pressure_kPa))
+    if text := following.of_sign(track.dataset, shifted, log.time_s, log.pressure_kPa, sync.value):
+        return [text]
     return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa, held=held)
 
 

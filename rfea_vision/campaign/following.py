@@ -29,6 +29,8 @@ _AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
 # A lead is doubted where the motion explains this share of the pressure's variance at it, and leaves at most this part of what it
 # leaves at the best delay (delays in steps of so many s). Chosen: with right clocks 0.95 to 0.99 is explained without delay.
 _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
+# Share of the frames that an offset puts outside of the log, from which the one of the other sign is tried: that of `sync`'s note.
+_OUTSIDE = 0.02
 _FEWEST = 20  # frames: of fewer a good fit may be chance
 # Frames from which another order, or another rate, is judged; more do not change the answer. Chosen.
 _ENOUGH_FRAMES = 1000
@@ -246,6 +248,28 @@ def _ahead(pair: Pair, at_once: float) -> str:
         f"the tube moves {-lag_s:.1f} s before this pressure (which it then follows to {100 * told:.0f} %, and to "
         f"{100 * max(at_once, 0.0):.0f} % at once); are the clocks right? sync.value is the log's clock less the camera's: is its sign "
         "turned?"
+    )
+
+
+def of_sign(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, value_s: float | None) -> str:
+    """Doubt the sign of an offset `value_s` with which frames lie outside the log and with the other sign none do; else empty.
+
+    The other arguments are those of `of_pair`. A log that began late may look like this, so the motion must follow its pressure, too,
+    with the other sign alone.
+    """
+    turned_s = time_s - 2 * (value_s or 0.0)
+    out, out_turned = (float(np.mean((times < log_s[0]) | (times > log_s[-1]))) for times in (time_s, turned_s))
+    turned = pair_of(track, turned_s, log_s, pressure_kPa)
+    if not value_s or out < _OUTSIDE or out_turned >= _OUTSIDE or turned is None:
+        return ""
+    pair = pair_of(track, time_s, log_s, pressure_kPa)
+    told, told_turned = (0.0 if one is None else max(one.followed(_LAGS_S)[0] or 0.0, 0.0) for one in (pair, turned))
+    if told_turned < _FOLLOWS or 1 - told_turned > _UNTOLD * (1 - told):
+        return ""
+    return (
+        f"with sync.value {value_s:g} s {100 * out:.0f} % of the frames lie outside the log and the motion follows it to "
+        f"{100 * told:.0f} %, with {-value_s:g} s {100 * out_turned:.0f} % do and it follows to {100 * told_turned:.0f} %; is its sign "
+        "turned round? It is the log's clock less the camera's"
     )
 
 

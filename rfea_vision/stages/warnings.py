@@ -65,8 +65,10 @@ def log_warnings(
 ) -> dict[str, str]:
     """These, and doubts whether the log is that of the run, as an attribute of the recording; `own_s` as in `following.of_pair`."""
     seen_s = recording.time_s
-    said = log_doubts(log, seen_s) or following.of_pair(
-        recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa, own_s, held=experiment.rig.held
+    data, value_s = recording.dataset, experiment.sync.value if experiment.sync.method == "offset" else None
+    turned = following.of_sign(data, seen_s, log.time_s, log.pressure_kPa, value_s)
+    said = log_doubts(log, seen_s) or ([turned] if turned else []) or following.of_pair(
+        data, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa, own_s, held=experiment.rig.held
     )
     return {"pressure_doubts": "; ".join(f"pressure: {text}" for text in said)} if said else {}
 

@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.following import of_order, of_pair
+from rfea_vision.campaign.following import of_order, of_pair, of_sign
 
 from .campaigns import write_campaign
 
@@ -84,3 +84,22 @@ def test_check_tells_it_where_the_motion_is_to_bring_the_clocks_together(tmp_pat
     pd.DataFrame({"time_s": time_s, "tip_x_mm": tip_x, "tip_y_mm": tip_y}).to_csv(folder / "steps" / "track.csv", index=False)
     said = [problem.message for problem in check_campaign(folder).problems]
     assert any("run backwards?" in text for text in said) == told, said
+
+
+@pytest.mark.parametrize(("value_s", "told"), [(-1.5, True), (1.5, False), (-30.0, False)])
+def test_an_offset_of_the_wrong_sign_is_told_where_the_other_puts_the_film_inside_the_log(value_s, told):
+    """It was "the log of another run?", or nothing but a part of the frames that lies outside of the log."""
+    time_s, pressure, bent = _steps()
+    film_s = time_s[time_s < 12]  # on the log's clock from 1.5 s on
+    track = _tip(np.interp(film_s + 1.5, time_s, bent))
+    said = of_sign(track, film_s + value_s, time_s, pressure, value_s)
+    assert ("with sync.value -1.5 s 12 % of the frames lie outside" in said and "is its sign turned round?" in said) == told, said
+    assert told or said == ""
+
+
+def test_of_a_log_that_began_late_the_sign_is_not_doubted():
+    """The offset of the other sign puts the film inside the log, too, but the motion does not follow there."""
+    time_s, pressure, bent = _steps()
+    begun_s = time_s[time_s >= 1.5]
+    track = _tip(bent[time_s < 12])
+    assert of_sign(track, time_s[time_s < 12] - 1.5, begun_s - 1.5, pressure[time_s >= 1.5], -1.5) == ""
