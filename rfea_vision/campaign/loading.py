@@ -213,6 +213,9 @@ def _read_lone(reach: Reach, out: Path) -> Reading:
     found, broken = (experiment,), ()
     if any(problem.severity == "error" for problem in problems):
         found, broken = (), (experiment,)
+    if experiment.role != "train":
+        alone = f"'{experiment.role}' of a run that stands alone leaves none to fit a model to; write 'role: train'"
+        problems.append(FileProblem(experiment.file, alone, "role", severity="warning", experiment=experiment.name))
     campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera, found)
     return Reading(campaign, broken, tuple(problems))
 

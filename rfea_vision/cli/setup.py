@@ -12,6 +12,7 @@ import click
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.options import PATH, output_options, trust_option, trusted
 from rfea_vision.errors import InputError
+from rfea_vision.files import is_file
 from rfea_vision.units import counted
 
 if TYPE_CHECKING:
@@ -114,9 +115,15 @@ def check_command(campaign: Path, as_json: bool) -> int:
         warnings = len(checked.problems) - len(errors)
         click.echo(f"{counted(len(errors), 'error')}, {counted(warnings, 'warning')}")
         if errors and not checked.experiments and not (campaign / "campaign.yaml").is_file():
-            say_next("rfea init DIR", why="writes a campaign to fill in, or guesses one with --from FILES")
+            above = [folder for folder in campaign.resolve().parents[:2] if is_file(folder / "campaign.yaml")]
+            if above:
+                say_next("rfea check", above[0], why="the campaign that it belongs to")
+            else:
+                say_next("rfea init DIR", why="writes a campaign to fill in, or guesses one with --from FILES")
         elif errors:
             say_next("rfea check", campaign, why="again, once these are mended")
+        elif "train" not in checked.experiments.values():
+            say_next("rfea check", campaign, why="again, once a run has 'role: train'; 'rfea track' needs none")
         elif checked.unpressed:
             say_next("rfea check", campaign, why="again, once every run has its pressure; 'rfea track' needs none")
         else:

@@ -120,7 +120,7 @@ def read_flags(kind: type[_Options], values: Mapping[str, object], command: str)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         flag = {option.key: option.flag for option in options_of(kind)}.get(str(first["loc"][0]), "")
-        raise InputError(f"{flag} {first.get('input')}: {explain(first)}") from error
+        raise InputError(f"{flag} {first.get('input')}: {explain(first, kind)}") from error
 
 
 def from_keywords(kind: type[_Options], keywords: Mapping[str, Any]) -> _Options:
@@ -135,14 +135,16 @@ def from_keywords(kind: type[_Options], keywords: Mapping[str, Any]) -> _Options
         return kind(**keywords)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise InputError(f"{first['loc'][0]}: {explain(first)}") from error
+        raise InputError(f"{first['loc'][0]}: {explain(first, kind)}") from error
 
 
-def explain(found: Any) -> str:
-    """Say one finding of pydantic in plain words."""
+def explain(found: Any, *kinds: type) -> str:
+    """Say one finding of pydantic about an option of these classes in plain words."""
     cause = found.get("ctx", {}).get("error")
     if found["type"] in ("int_parsing", "int_from_float", "int_type"):
-        return "is no whole number"
+        asked = (option.asked.metavar for kind in kinds for option in options_of(kind) if option.key == str(found["loc"][0]))
+        words = (next(asked, None) or "").strip("[]").split("|")[1:]  # of [INTEGER|auto] the words beside the number
+        return "is no whole number" + "".join(f", nor {word}" for word in words)
     if found["type"] in ("greater_than_equal", "less_than_equal"):
         limit = found["ctx"].get("ge", found["ctx"].get("le"))
         return f"must be {limit:g} or {'more' if found['type'] == 'greater_than_equal' else 'less'}"

@@ -97,7 +97,7 @@ def _told(name: str, options: Mapping[str, object]) -> tuple[object, ...]:
         return tuple(read(kind, options, name) for kind in STEPS[name])
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise InputError(f"{first['loc'][0]}: {explain(first)}") from error
+        raise InputError(f"{first['loc'][0]}: {explain(first, *STEPS[name])}") from error
 
 
 def recipe_file(name_or_path: str) -> Path | None:

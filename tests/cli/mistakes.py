@@ -354,7 +354,7 @@ IN_COMMANDS = [
     (("check", "CAMPAIGN/.."), "give the folder tube-A in it"),
     (("fit", "CAMPAIGN", "--add", "Maxwell"), "did you mean 'maxwell'?"),
     (("fit", "CAMPAIGN", "--add", "maxwell", "coulomb"), "as in --add maxwell --add coulomb"),
-    (("fit", "CAMPAIGN", "--segments", "many"), "is no whole number"),
+    (("fit", "CAMPAIGN", "--segments", "many"), "is no whole number, nor auto"),
     (("fit", "CAMPAIGN", "--add", "coulomb@40"), "must be a whole number from 1 to 16"),
     (("fit", "CAMPAIGN", "--fix", "stiffness=3N*m/rad"), "the base model's are k_ref"),
     (("fit", "CAMPAIGN", "--prior", "payload.m=2g±0.1g"), "is no parameter of this model, which is fitted without payload"),

@@ -12,7 +12,7 @@ from types import ModuleType, SimpleNamespace
 import click
 import pandas as pd
 import pytest
-from campaign.campaigns import write_campaign
+from campaign.campaigns import write_campaign, write_experiment
 from click.shell_completion import ShellComplete
 
 from rfea_vision.cli import console, root
@@ -47,6 +47,22 @@ def test_diameters_given_as_radii_are_doubted(tmp_path):
     )
     answer = rfea("check", campaign)
     assert answer.out.count("8 and 6 mm are the diameters that the paper prints") == 1
+
+
+@pytest.mark.parametrize("name", ["steps/experiment.yaml", "steps", "steps/track.csv"])
+def test_who_checks_a_part_of_a_campaign_is_sent_to_the_campaign(tmp_path, name):
+    """`rfea init DIR` was proposed, which writes another one."""
+    campaign = write_campaign(tmp_path / "c")
+    answer = rfea("check", campaign / name)
+    assert answer.code == 2 and answer.out.splitlines()[-1].startswith(f"next: rfea check {campaign} ")
+
+
+def test_a_run_that_stands_alone_and_trains_nothing_is_told(tmp_path):
+    """Only `fit` refused it, once it was tracked."""
+    run = write_experiment(tmp_path / "alone", "alone", "validate")
+    answer = rfea("check", run)
+    assert answer.code == 0 and "experiment.yaml:3: role: 'validate' of a run that stands alone leaves none to fit" in answer.out
+    assert "rfea improve" not in answer.out
 
 
 @pytest.mark.parametrize(
