@@ -258,7 +258,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
         for key, text in odd:
             run.warn(key, text)
     if len(run.seconds):
-        run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
+        run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s, listed=True))
     run.warn("video", *plausibility.of_gaps(run.seconds))
     if text := unlike_camera(experiment.camera, source.size):
         run.refuse("video", text)

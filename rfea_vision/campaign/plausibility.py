@@ -324,13 +324,17 @@ def of_rate(given_Hz: float | None, own_Hz: float | None) -> list[str]:
     ]
 
 
-def of_end(last_s: float, announced_s: float | None) -> list[str]:
-    """Doubt a film whose last picture (s) comes long before the end that its file announces: its tail was lost."""
+def of_end(last_s: float, announced_s: float | None, *, listed: bool = False) -> list[str]:
+    """Doubt a film whose last picture (s) comes long before the end that its file announces: its tail was lost.
+
+    `listed`: the file has that picture, and nobody has tried to read it; what was cut off may have left a part of it.
+    """
     if announced_s is None or announced_s - last_s < max(_TAIL_S, _TAIL * announced_s):
         return []
+    which = "the last picture that is in the file" if listed else "the last picture that can be read"
     return [
-        f"the last picture that can be read is at {last_s:.2f} s, and the file announces {announced_s:.2f} s; was it cut off, or "
-        "its end damaged? Copy it again, or go on with what is there"
+        f"{which} is at {last_s:.2f} s, and the file announces {announced_s:.2f} s; was it cut off, or its end damaged? Copy it again, "
+        "or go on with what is there"
     ]
 
 
