@@ -88,7 +88,7 @@ def judge(
         )
     if progress is not None:
         progress(EXPECTED_REFITS, EXPECTED_REFITS)
-    diagnosis = _diagnosis(search, verdict, goes_with).model_copy(
+    diagnosis = _diagnosis(search, verdict, goes_with, fitted).model_copy(
         update={"where": list(where), "next_experiment": following}
     )
     return Judgement(diagnosis, search, verdict, pressure)
@@ -122,9 +122,9 @@ def _hidden(search: Search, verdict: Verdict) -> list[str]:
     return [f"this track is too uncertain to say whether more is missing: {floor}, and {unseen(search).removesuffix('.')}"]
 
 
-def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) -> Diagnosis:
+def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith], fitted: Fitted) -> Diagnosis:
     in_mm = search.floors.unit == "mm"
-    fitted, best = search.present.fitted, verdict.best.fitted
+    best = verdict.best.fitted
     return Diagnosis(
         model=fitted.options.name,
         verdict=verdict.verdict,

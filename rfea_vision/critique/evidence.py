@@ -20,6 +20,7 @@ from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.solver import with_slopes
+from rfea_vision.units import rounded
 
 
 def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
@@ -95,16 +96,23 @@ def to_rule_out(effects: Sequence[Effect], named: Sequence[str], values: Mapping
 
 
 def absorbed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
-    """Base parameters that had moved to make up for the missing effects: value and z-score before and after."""
+    """Base parameters that had moved to make up for the missing effects: value and z-score before and after.
+
+    Where the runs tell no more than the ratio to the lever, both are given at the lever of the fit, `before`, as its table has them.
+    """
     covariance = intervals(before, problem.train, problem.actuator).covariance
     out = []
     with_it = scaled(after.par, after.options.segments, before.options.segments)
+    at = ""
+    if before.ratio_only:
+        with_it[:6] *= before.par[6] / after.par[6]
+        at = f", both at r_hyd = {rounded(1e3 * before.par[6])} mm"
     for k in range(7):
         old, new, error = float(before.par[k]), float(with_it[k]), float(np.sqrt(max(covariance[k, k], 0)))
         if error > 0 and abs(new - old) > 3 * error and abs(new - old) > 0.03 * abs(old):
             name = before.model.names[k]
             out.append(
                 f"{name} had moved to make up for {' and '.join(effects)}: {old:.4g} {BASE_UNITS[name]} before, {new:.4g} with it "
-                f"({abs(new - old) / error:.0f} of its former standard errors)."
+                f"({abs(new - old) / error:.0f} of its former standard errors{at})."
             )
     return out

@@ -12,12 +12,13 @@ import pytest
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
 from rfea_vision.artefacts.judgement import WorstPlace
 from rfea_vision.critique import diagnose, evidence, improve
+from rfea_vision.critique import diagnosis as diagnosing
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.findings import findings_of, finer_of, titles_of
 from rfea_vision.critique.ladder import Step, _Climb, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
-from rfea_vision.critique.verdict import split_by
+from rfea_vision.critique.verdict import decide, split_by
 from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
@@ -223,16 +224,22 @@ def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
     assert "segments" not in {c.effect for c in fine.candidates}
 
 
-def test_a_lever_that_was_held_by_rule_is_not_made_up_for_by_an_effect(campaign):
-    """What a misfit blurs (k / r_hyd alone is told) the better model tells: the lever is free again while effects are weighed."""
+def test_a_lever_that_was_held_by_rule_is_not_made_up_for_by_an_effect(campaign, monkeypatch):
+    """What a misfit blurs (k / r_hyd alone is told) the better model tells: the lever is free again while effects are weighed.
+
+    What had moved is told beside the values of the fit: 0.01218 had stood beside 0.01359 in the fit's table.
+    """
     recordings, actuator = campaign()
     problem = make_problem(recordings, actuator)
     held = fit(problem, replace(OPTIONS, fixed={"r_hyd": 3.3e-3}))
     rivals = ("virtual_work", "pressure_gain")
     asked_for = judge(problem, held, candidates=rivals).diagnosis
     assert asked_for.named and asked_for.named[0] in rivals, "a person's value stands, and something makes up for it"
+    seen: list[dict[str, float]] = []
+    monkeypatch.setattr(diagnosing, "absorbed", lambda _problem, before, *_: seen.append(before.values) or [])
+    monkeypatch.setattr(diagnosing, "decide", lambda *args: replace(decide(*args), named=("virtual_work",)))
     ruled = judge(problem, replace(held, ratio_only=True), candidates=rivals)
-    assert ruled.diagnosis.verdict == "complete"
+    assert ruled.diagnosis.verdict == "complete" and seen == [held.values]
     assert ruled.search.present.fitted.values["r_hyd"] > 3.5e-3, "of six bodies, towards the twin's 3.564 mm and beyond"
 
 
@@ -240,7 +247,12 @@ def test_what_a_base_parameter_had_absorbed_is_told_with_its_unit(monkeypatch):
     monkeypatch.setattr(evidence, "intervals", lambda *_: SimpleNamespace(covariance=1e-12 * np.eye(7)))
     par = np.array([0.2, 100.0, 0.002, 1.0, 0.002, 1.0, 0.0036])
     one: Any = SimpleNamespace(par=par, model=SimpleNamespace(names=BASE_PARAMETERS), options=SimpleNamespace(segments=8))
+    one.ratio_only = False
     other: Any = SimpleNamespace(par=par * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.1], options=one.options)
     problem: Any = SimpleNamespace(train=(), actuator=None)
     (said,) = evidence.absorbed(problem, one, other, ["maxwell"])
     assert said.startswith("r_hyd had moved to make up for maxwell: 0.0036 m before, 0.00396 with it (360 of")
+    monkeypatch.setattr(evidence, "intervals", lambda *_: SimpleNamespace(covariance=np.diag([*np.full(6, 1e-12), 0.0])))
+    one.ratio_only, other.par = True, np.append(par[:6] * [1.0, 1.0, 0.5, 1.0, 1.0, 1.0], par[6]) * 0.9  # its lever moved, too
+    (said,) = evidence.absorbed(problem, one, other, ["coulomb"])
+    assert "b_pos_ref had moved" in said and "0.002 N*m*s/rad before, 0.001 with it" in said and "at r_hyd = 3.60 mm" in said
