@@ -136,17 +136,23 @@ def _page_beside(work: Runner, name: str) -> Path:
 
 def bring_up_to_date(work: Runner) -> None:
     """Redo what depends on changed data: the ladder with its options, single models with theirs."""
-    ladder = work.cache.record("improve/ladder")
-    options = mechanics.fitted_with(ladder)
+    climbed_as = asked_of_ladder(work)
     names = mechanics.model_names(work)
-    if ladder is not None and options is not None:
-        mechanics.improve(work, options, _critique_of(ladder))
+    if climbed_as is not None:
+        mechanics.improve(work, *climbed_as)
     elif not names:
         mechanics.improve(work, FitOptions(), CritiqueOptions())
     climbed = rung_models(work)
     for name in names:
         if name not in climbed:
             mechanics.compare(work, name)
+
+
+def asked_of_ladder(work: Runner) -> tuple[FitOptions, CritiqueOptions] | None:
+    """Return the options with which the ladder that is there was climbed; None if there is none, or no record says."""
+    ladder = work.cache.record("improve/ladder")
+    options = mechanics.fitted_with(ladder)
+    return None if ladder is None or options is None else (options, _critique_of(ladder))
 
 
 def rung_models(work: Runner) -> set[str]:
@@ -165,10 +171,9 @@ def commands(work: Runner) -> list[str]:
     campaign, beside = shlex.quote(work.campaign.root.name), _beside(work)
     made = []
     climbed = rung_models(work)
-    ladder = work.cache.record("improve/ladder")
-    options = mechanics.fitted_with(ladder)
+    climbed_as = asked_of_ladder(work)
     if climbed:
-        asked = written("improve", options, _critique_of(ladder)) if ladder is not None and options is not None else ""
+        asked = "" if climbed_as is None else written("improve", *climbed_as)
         made.append(f"rfea improve {campaign} {asked}".rstrip() + beside)
     for record in work.cache.records("fit"):
         options = mechanics.fitted_with(record)

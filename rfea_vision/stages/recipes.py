@@ -9,12 +9,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
+from rfea_vision.artefacts import Ladder
 from rfea_vision.campaign.problems import unknown_key, validation_problems
 from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.data import list_recipes
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
-from rfea_vision.options.asking import CLOSED, Asked, asked_by, explain, json_schema, read
+from rfea_vision.options.asking import CLOSED, Asked, asked_by, explain, json_schema, read, written
+from rfea_vision.stages.publishing import asked_of_ladder
 from rfea_vision.stages.workspace import Workspace
 
 
@@ -151,6 +153,14 @@ def run_recipe(work: Workspace, recipe: Recipe) -> dict[str, Any]:
     return {name: _RUN[name](work, *told) for name, told in recipe.calls()}
 
 
+def _improve(work: Workspace, fit: FitOptions, critique: CritiqueOptions) -> Ladder:
+    """Climb as a recipe says; where it says nothing, as the ladder that is there was climbed: somebody has chosen that."""
+    kept = None if "improve" in work.force or (fit, critique) != (FitOptions(), CritiqueOptions()) else asked_of_ladder(work)
+    if kept is not None and (given := written("improve", *kept)):
+        work.tell(f"improve: the ladder that is there was climbed with {given}, and so it stays; --force climbs it as the recipe says")
+    return work.improve(*(kept or (fit, critique)))
+
+
 _RUN: dict[str, Callable[..., object]] = {
     "calibrate": Workspace.calibrate,
     "track": lambda work, which: work.track(which.names),
@@ -158,6 +168,6 @@ _RUN: dict[str, Callable[..., object]] = {
     "fit": Workspace.fit,
     "compare": lambda work, which: work.compare(*which.models),
     "diagnose": lambda work, which, options: work.diagnose(which.model, options),
-    "improve": Workspace.improve,
+    "improve": _improve,
     "report": Workspace.report,
 }

@@ -16,6 +16,7 @@ from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Listener
 from rfea_vision.stages import Workspace, cameras, mechanics
 from rfea_vision.stages.naming import climb_apart, fit_apart
+from rfea_vision.stages.recipes import Recipe, run_recipe
 
 
 class Heard(Listener):
@@ -171,3 +172,20 @@ def test_why_a_run_failed_has_its_name_once(work):
     with pytest.raises(DataError, match=r"^sine: sync: broken; also failed: steps"):
         work.each([], fails, "tracked")
     assert "steps: sync: broken" in work.listener.said
+
+
+def test_a_recipe_that_says_nothing_keeps_the_ladder_as_it_was_climbed(work, monkeypatch):
+    """After `improve --segments 8 --joints start` a batch climbed by the defaults, and its ladder replaced that one."""
+    own = FitOptions(segments=8, joints="start")
+    ladder(work, "base")
+    record = {"fit": as_record(own), "critique": as_record(CritiqueOptions())}
+    work.cache.store(work.cache.finished("improve/ladder", "digest", [work.out / Ladder.FILE], options=record))
+    climbed = []
+    monkeypatch.setattr(mechanics, "improve", lambda _, *asked: climbed.append(asked) or SimpleNamespace(value=None))
+    run_recipe(work, Recipe(steps=("improve",)))
+    assert climbed == [(own, CritiqueOptions())]
+    assert "with --segments 8 --joints start, and so it stays; --force" in work.listener.said[-1]
+    run_recipe(work, Recipe(steps=({"improve": {"segments": 4}},)))
+    work.force = {"improve"}
+    run_recipe(work, Recipe(steps=("improve",)))
+    assert climbed[1:] == [(FitOptions(segments=4), CritiqueOptions()), (FitOptions(), CritiqueOptions())]
