@@ -204,7 +204,7 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
                 row["method"],
                 row["offset_s"] * 1e3,
                 row["offset_stderr_s"] * 1e3,
-                row.get("drift_ppm"),
+                row.get("drift_ppm") or None,  # none was looked for, or none stood out of its error
             ]
             for row in summary
         ]

@@ -355,6 +355,16 @@ def test_fits_the_screen(opened: Browser, tmp_path: Path, width: int, mobile: bo
     assert imread(tmp_path / "shot.png").shape[1] == width
 
 
+def test_a_table_is_whole_on_a_laptop_or_shows_that_it_goes_on(opened: Browser) -> None:
+    """The candidates' last column was cut at 1280 px, and nothing told that it could be brought into sight."""
+    cut = "[...document.querySelectorAll('#why .scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
+    opened.resize(1280, 900)
+    opened.run(VISIT_ALL)
+    assert opened.run(f"{cut}.map(e => e.querySelector('table').dataset.csv)") == []
+    opened.resize(900, 900)
+    assert opened.run(f"{cut}.map(e => getComputedStyle(e).backgroundAttachment)[0]") == "local, scroll"
+
+
 def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: Path) -> None:
     brightness: dict[str, list[float]] = {"light": [], "dark": []}
     for width, mobile in ((1280, False), (400, True)):

@@ -54,6 +54,17 @@ def test_a_rung_whose_model_is_gone_is_said(copy: Path) -> None:
     assert f"models/{RUNGS[-1]} is named in ladder.json but is not there" in words(page_of(copy))
 
 
+def test_no_drift_is_told_where_none_was_found(copy: Path) -> None:
+    """"Drift 0 ± 93075 ppm" stood there for a run whose clock had been given no drift."""
+    path = next(iter(sorted(copy.glob("*/recording.nc"))))
+    recording = read_dataset(path)
+    for drift, told in ((3.0, "3.0 2.0"), (0.0, "\N{EN DASH} \N{EN DASH}")):
+        recording.attrs |= {"drift_ppm": drift, "drift_stderr_ppm": 2.0}
+        Recording(recording).save(path)
+        row = page_of(copy).split(f'<th scope="row">{path.parent.name}</th><td>motion')[1].partition("</tr>")[0]
+        assert told in words(row)
+
+
 def test_the_methods_do_not_tell_how_another_tools_track_was_made(copy: Path) -> None:
     assert "sides of the silhouette" in page_of(copy)
     for path in copy.glob("*/recording.nc"):
