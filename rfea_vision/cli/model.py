@@ -174,14 +174,14 @@ def _percent(share: float | None) -> str | None:
 
 def _say_after(judged: Diagnosis | Rung, campaign: Path, out: Path) -> None:
     """Say the next command after a verdict, and what for."""
-    from rfea_vision.artefacts.judgement import RAN_AWAY, UNCERTAIN
+    from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, UNCERTAIN
 
     verdict = judged.outcome
     if verdict == "missing":
         say_next("rfea improve", campaign, why="adds it, fits again, and judges what is left")
     elif verdict == "complete":
         say_next("rfea report", campaign, why="one page, offline")
-    elif verdict == UNCERTAIN and judged.uncertain_because.startswith(RAN_AWAY):
+    elif verdict == UNCERTAIN and judged.uncertain_because not in ("", TRACK_UNCERTAIN):
         say_next("rfea check", campaign, why="see what may be declared wrong; then fit again")
     elif verdict == UNCERTAIN and (drawn := drawn_previews(out)):
         say_next("look at", drawn[0], why="the track over the film: better seen ends and a board lower the floor")

@@ -59,7 +59,7 @@ def judge(
 
     `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has; `known` is what the
     search from a smaller model on the same chain has refitted: where it is met again, it is taken up and not begun anew.
-    `refused` is the message of a fit that was refused.
+    `refused` is why nothing that is said of a fit is to be rested on (`none_to_rest_on`).
     """
     asked = options or CritiqueOptions()
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
@@ -153,6 +153,11 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith], 
     )
 
 
+def none_to_rest_on(model: ModelFit) -> str:
+    """Why whatever is said of a fit is uncertain: it was refused, or one run's pressure is not that of the others; else empty."""
+    return model.refused or next(iter(about_odd_pressure(model.experiments)), "")
+
+
 def held_of(model: ModelFit) -> float | None:
     """Error of a fit on the runs that judge, as it was scored."""
     rung = Rung.of(model, added=None, verdict="")
@@ -193,10 +198,10 @@ def diagnose(
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
     judgement = judge(
         problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress,
-        scored=held_of(model), refused=model.refused,
+        scored=held_of(model), refused=none_to_rest_on(model),
     )  # fmt: skip
     said = [*about_odd_pressure(model.experiments), *worse_than_nothing(model.experiments), *judgement.diagnosis.warnings]
     return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure
 
 
-__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact", "reopened"]
+__all__ = ["Judgement", "diagnose", "held_of", "judge", "none_to_rest_on", "refit_artefact", "reopened"]

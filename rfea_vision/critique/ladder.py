@@ -15,7 +15,7 @@ from rfea_vision.artefacts.judgement import Candidate, Comparison, Diagnosis, La
 from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Actuator, Recording
 from rfea_vision.artefacts.rows import Refit, TestScore
 from rfea_vision.critique.comparison import compare, goes_with
-from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
+from rfea_vision.critique.diagnosis import held_of, judge, none_to_rest_on, refit_artefact
 from rfea_vision.critique.findings import findings_of, finer_of, titles_of
 from rfea_vision.critique.measures import errors_of, matters, on_common_runs, share
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
@@ -322,7 +322,7 @@ def _judged(
         goes_with=goes_with(comparison),
         scored=held_of(model),
         known=climb.known,
-        refused=model.refused,
+        refused=none_to_rest_on(model),
     )
     if on_rung is not None:
         on_rung(model, predictions, comparison, judgement.diagnosis, judgement.next_pressure)

@@ -43,7 +43,7 @@ class Verdict:
 def decide(search: Search, weighed: list[Weighed], refused: str = "") -> Verdict:
     """Name what is likely to be there and matters; call it complete where nothing that could be seen matters; else unexplained.
 
-    `refused` is the message of a fit that was refused: nothing that is said of such a model is to be rested on.
+    `refused` is the message of a fit that was refused, or that is off on one run: nothing that is said of it is to be rested on.
     """
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))

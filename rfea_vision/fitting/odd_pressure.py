@@ -72,8 +72,8 @@ def _gain(model: Model, par: FloatArray, item: Observed, clock_s: float) -> tupl
 def about_odd_pressure(scores: Mapping[str, ExperimentScore]) -> list[str]:
     """Say which run's pressure is not that of the others, and what to look at."""
     return [
-        f"{name} is off as if its pressure were logged {rounded(one.pressure_times, 3)} times as high as that of the other runs: check "
-        "pressure.unit and the sensor of that run, or leave it out with role: ignore."
+        f"run {name} is off as if its pressure were logged {rounded(one.pressure_times, 3)} times as high as that of the other runs; "
+        "check pressure.unit and the sensor of that run, or leave it out with role: ignore."
         for name, one in scores.items()
         if one.pressure_times is not None
     ]

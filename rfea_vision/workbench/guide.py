@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rfea_vision.artefacts.judgement import RAN_AWAY, undecided
+from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, undecided
 from rfea_vision.units import counted
 
 #: Share of refused frames from which the films come before the model.
@@ -119,7 +119,7 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
     if last.get("uncertain") and last["verdict"] != "missing":
         because = last.get("uncertain_because", "")
-        remedy = "" if because.startswith(RAN_AWAY) else ". A board, and ends that are seen clear, lower its floor"
+        remedy = "" if because not in ("", TRACK_UNCERTAIN) else ". A board, and ends that are seen clear, lower its floor"
         say = f"{undecided(because)}{remedy}."
         return _step("add", say, "") | {"file": report} if report is not None else _step("add", say, "Write the report", "report")
     if last["verdict"] == "complete":

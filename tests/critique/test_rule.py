@@ -8,8 +8,9 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit
+from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, ModelFit
 from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, outcome_of, verdict_in_words
+from rfea_vision.critique.diagnosis import none_to_rest_on
 from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.floors import left_by_a_model
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
@@ -298,6 +299,16 @@ def test_what_is_named_over_a_refused_fit_stays_named_and_the_reason_comes_first
     assert (found.verdict, found.named) == ("missing", ("maxwell",)) and found.uncertain_because
     assert outcome_of(found.verdict, True) == "missing" and verdict_in_words("missing", False, True) == "missing, but uncertain"
     assert found.sentence.startswith("The fit ran away, b_neg_ref") and "so that this is uncertain: Visco-elastic" in found.sentence
+
+
+def test_what_is_named_where_one_run_has_another_pressure_is_uncertain(monkeypatch):
+    """Of five runs one log was 1.45 times too high, and a stiffening by pressure was named for it with nothing beside it."""
+    score = ExperimentScore(role="train", pressure_times=1.45)
+    why = none_to_rest_on(SimpleNamespace(refused="", experiments={"mixed": score}))  # type: ignore[arg-type]
+    search, rows = _at_floor(monkeypatch, 9.0, 0.1, "standard errors of the track", ("maxwell",))
+    found = decide(search, rows, why)
+    assert found.named == ("maxwell",) and found.uncertain_because.startswith("run mixed is off as if its pressure")
+    assert found.sentence.startswith("Run mixed is off as if") and "so that this is uncertain: Visco-elastic" in found.sentence
 
 
 def test_all_of_a_floor_that_is_a_models_own_error_hides_what_may_matter(monkeypatch):

@@ -23,7 +23,7 @@ def test_a_log_that_is_half_again_as_high_is_told_by_its_run(exact, role):
     assert list(told) == [odd][: bool(odd)] and len(said) == bool(odd)
     if odd:
         assert told[odd] == pytest.approx(1.45, rel=0.05)
-        assert said[0].startswith(f"{odd} is off as if its pressure were logged 1.4") and "pressure.unit" in said[0]
+        assert said[0].startswith(f"run {odd} is off as if its pressure were logged 1.4") and "pressure.unit" in said[0]
 
 
 @pytest.mark.parametrize(
