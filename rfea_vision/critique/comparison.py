@@ -17,6 +17,7 @@ from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentR
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
+from rfea_vision.fitting.noise import LEFT_BY_A_MODEL
 from rfea_vision.fitting.odd_pressure import about_odd_pressure
 from rfea_vision.fitting.scoring import worse_than_nothing
 from rfea_vision.units import rounded
@@ -60,6 +61,7 @@ def _worst(
     sigma: FloatArray,
     phase: NDArray[np.str_],
     floor: float | None,
+    floor_is: str,
     unit: str,
 ) -> list[WorstPlace]:
     """Stretches of time whose error stands out: windows of a quarter second, neighbours in the same phase joined."""
@@ -91,7 +93,7 @@ def _worst(
         along = _row_means(rows.T)
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
-        times = f", {rounded(rms / floor)} times the noise floor" if floor else ""
+        times = f", {rounded(rms / floor)} times {floor_is}" if floor else ""
         where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
         if low > 0.9:
             where = "at the tip" if unit == "mm" else "in the bend angle"
@@ -126,6 +128,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
     unit = units[compared[0]] if compared else "mm"
     floor = model.noise_floor_mm if unit == "mm" else model.noise_floor_deg
+    floor_is = "what this fit leaves of its worst run" if model.noise_floor_source == LEFT_BY_A_MODEL else "the noise floor"
     for name in compared:
         if units[name] != unit:  # mm and deg are not pooled: such a run has its scores alone
             continue
@@ -149,7 +152,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
                     "frames": int(inside.sum()),
                 }
             )
-        where += _worst(name, time, square, sigma, phase, floor, unit)
+        where += _worst(name, time, square, sigma, phase, floor, floor_is, unit)
         pressures.append(pressure)
         squares.append(per_frame)
         if "normal_residual" in dataset:

@@ -49,7 +49,7 @@ SLOWEST_RAD_S = 10.0  # first mode of a slow tube, where the angle alone does no
 ONE_ANGLE = "tip or angle alone do not show the tube's shape: the bend's own delay along the tube is within the error"
 COUNTED_DRIFT = "drift taken into account"
 REMARKS = frozenset({ONE_ANGLE, COUNTED_DRIFT})  # what a person need do nothing about
-LEFT_THE_PEAK = "the tube does more than the law of the clocks (it rubs, or remembers): the fit is left to find the best offset"
+LEFT_THE_PEAK = "the tube does more than the law of the clocks, as one that rubs or remembers: the fit is left to find the best offset"
 LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
 
 

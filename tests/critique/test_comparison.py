@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts.judgement import Comparison, ExperimentScore, Metrics
-from rfea_vision.critique.comparison import _by_segment, _sentences
+from rfea_vision.critique.comparison import _by_segment, _sentences, _worst
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
 from rfea_vision.errors import InputError
@@ -61,6 +61,15 @@ def test_the_error_along_the_tube_is_told_whatever_the_number_of_nodes(nodes):
     assert [row["from_sigma"] for row in rows[1:]] == [row["to_sigma"] for row in rows[:-1]]
     assert (rows[0]["from_sigma"], rows[-1]["to_sigma"]) == (0.0, 1.0)
     assert all(row["to_sigma"] > row["from_sigma"] for row in rows) and rows[0]["rmse_mm"] == 1.0
+
+
+def test_a_stretch_that_stands_out_is_told_by_the_floor_that_it_stands_out_of():
+    """Beside a noise floor of 0.03 mm, 0.44 mm had been called 1.4 times the noise floor: that of the fit was its own error."""
+    time, square, labels = np.arange(0, 4, 0.02), np.full((200, 1), 1.0), np.full(200, "hold")
+    square[50:100] = 9.0
+    floors = "the noise floor", "what this fit leaves"
+    told = [_worst("a", time, square, np.ones(1), labels, 1.5, what, "mm") for what in floors]
+    assert [one[0].sentence.rpartition(", ")[2] for one in told] == ["1.98 times the noise floor.", "1.98 times what this fit leaves."]
 
 
 def test_dependence_sees_curves_and_no_chance():
