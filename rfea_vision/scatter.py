@@ -48,11 +48,6 @@ def rounding_noise(values: FloatArray) -> float:
 
 #: Frames about one that tell what the tube does there: of fewer, bursts of wrong frames would be taken for it.
 ABOUT_FRAMES = 51
-#: Of what the seven frames about one span, by which a leap is off their median: where a motion turns as a parabola it is off by 0.44 at
-#: its peak, and one that turns like a corner by two thirds. Or by which it is off that and the parabola through the four outer frames,
-#: which a corner misses by two fifths: so a leap amid a fast motion is seen.
-ALONE, ALONE_IN_MOTION = 0.7, 0.5
-OUTER = np.array([-0.4, 0.9, 0.0, 0.0, 0.0, 0.9, -0.4])
 
 
 def leaps(signal: FloatArray, noise: float = 0.0) -> NDArray[np.bool_]:
@@ -61,17 +56,13 @@ def leaps(signal: FloatArray, noise: float = 0.0) -> NDArray[np.bool_]:
         return np.zeros(signal.shape[0], dtype=bool)
     padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
     window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
-    each = np.abs(signal - np.median(window, axis=-1))
-    deviation = each.max(axis=1)
+    deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
     # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
     # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
     about = median_filter(deviation, ABOUT_FRAMES, mode="nearest")
     scale = 12 * np.maximum(np.median(deviation), about) + noise
-    spread = np.ptp(window, axis=-1)
-    least = np.maximum(np.maximum(scale, 1e-9), 0.5 * np.median(spread.max(axis=1)))
-    aside = np.minimum(each, np.abs(signal - window @ OUTER))
-    alone = (each > ALONE * spread) | (aside > ALONE_IN_MOTION * spread)
-    return ((each > least[:, None]) & alone).any(axis=1)
+    spread = np.ptp(window, axis=-1).max(axis=1)
+    return (deviation > np.maximum(scale, 1e-9)) & (deviation >= 0.5 * np.median(spread))
 
 
 #: Of a leap in one frame, what its neighbours are off by to the other side, where each is held to the cubic through the two frames on

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from campaign.campaigns import write_campaign
 
-from rfea_vision.artefacts.judgement import UNCERTAIN
+from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, UNCERTAIN
 from rfea_vision.cli.model import _say_after
 from rfea_vision.stages import measurement
 from rfea_vision.stages.stored import Stored
@@ -15,7 +15,7 @@ from .console import rfea
 
 def test_a_preview_that_is_there_is_looked_at_and_not_drawn_again(tmp_path, capsys):
     """`rfea track --preview` was proposed after it had been run, and then had nothing to do."""
-    judged = SimpleNamespace(outcome=UNCERTAIN, uncertain_because="the floor is high")
+    judged = SimpleNamespace(outcome=UNCERTAIN, uncertain_because=TRACK_UNCERTAIN)
     track, preview = tmp_path / "run" / "track.nc", tmp_path / "run" / "preview.mp4"
     track.parent.mkdir()
     track.touch()

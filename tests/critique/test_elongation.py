@@ -20,8 +20,9 @@ def elongation(kinked_mm: float) -> tuple[np.ndarray, np.ndarray]:
     aside = np.where(knots > 0.08, kinked_mm, 0.0) + 4.0 * knots**2
     line = np.stack([aside, -LENGTH_MM * knots], axis=-1)[None]
     nothing = SimpleNamespace(rotation=lambda places, _: np.zeros((1, *places.shape[:2])))
+    still = SimpleNamespace(turned_over=np.zeros_like)
     noise = np.full((1, SEGMENTS), 1e-8)
-    found = elongation_of(SEGMENTS, line, 1.0, noise, np.array([LENGTH_MM]), HALF_MM, nothing)
+    found = elongation_of(SEGMENTS, line, 1.0, noise, np.array([LENGTH_MM]), HALF_MM, nothing, still)
     return found[0], found[2]
 
 
