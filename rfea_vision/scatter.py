@@ -48,37 +48,23 @@ def rounding_noise(values: FloatArray) -> float:
 
 #: Frames about one that tell what the tube does there: of fewer, bursts of wrong frames would be taken for it.
 ABOUT_FRAMES = 51
-
-
-def leaps(signal: FloatArray, noise: float = 0.0) -> NDArray[np.bool_]:
-    """Which frames (n,) of a motion (n, k) stand out alone from their neighbours, by more than `noise` and what it does elsewhere."""
-    if signal.shape[0] < 9:
-        return np.zeros(signal.shape[0], dtype=bool)
-    padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
-    window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
-    deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
-    # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
-    # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
-    about = median_filter(deviation, ABOUT_FRAMES, mode="nearest")
-    scale = 12 * np.maximum(np.median(deviation), about) + noise
-    spread = np.ptp(window, axis=-1).max(axis=1)
-    return (deviation > np.maximum(scale, 1e-9)) & (deviation >= 0.5 * np.median(spread))
-
-
 #: Of a leap in one frame, what its neighbours are off by to the other side, where each is held to the cubic through the two frames on
 #: either side of it: two thirds. A corner of a motion leaves a half, and one that rings, down to five frames a period, less.
 LEAVES = 0.58
 
 
-def single_leaps(signal: FloatArray) -> NDArray[np.bool_]:
-    """Which frames (n,) of a motion (n, k) leap alone, by more than it does elsewhere, and are followed by what came before."""
+def leaps(signal: FloatArray, noise: float = 0.0) -> NDArray[np.bool_]:
+    """Which frames (n,) of a motion (n, k) leap alone: by more than `noise` and what it does elsewhere, while it goes on as it came."""
     found = np.zeros(signal.shape[0], dtype=bool)
     if signal.shape[0] < 9:
         return found
     beside, beyond = signal[1:-3] + signal[3:-1], signal[:-4] + signal[4:]
     off = signal[2:-2] - (4.0 * beside - beyond) / 6.0
     size = np.abs(off)
-    usual = np.maximum(np.median(size, axis=0), median_filter(size, (ABOUT_FRAMES, 1), mode="nearest"))
+    # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
+    # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
+    about = np.maximum(np.median(size, axis=0), median_filter(size, (ABOUT_FRAMES, 1), mode="nearest"))
+    far = size > np.maximum(12 * about + noise, 1e-9)
     left = np.minimum(-off[:-2] * np.sign(off[1:-1]), -off[2:] * np.sign(off[1:-1]))
-    found[3:-3] = ((size > np.maximum(12 * usual, 1e-9))[1:-1] & (left > LEAVES * size[1:-1])).any(axis=1)
+    found[3:-3] = (far[1:-1] & (left > LEAVES * size[1:-1])).any(axis=1)
     return found

@@ -31,7 +31,7 @@ from scipy.signal import lfilter
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.lines import from_down
-from rfea_vision.scatter import single_leaps
+from rfea_vision.scatter import leaps
 
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
 SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES
@@ -105,7 +105,7 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
     first = np.concatenate([[True], np.diff(time) > 1e-9])
     time = time[first]
     found = np.asarray(found[first] if modal else np.unwrap(found[first], axis=0), dtype=float)
-    steady = ~single_leaps(found)
+    steady = ~leaps(found)
     time, found = time[steady], found[steady]
     new = ~repeated(time, found)
     return ObservedMotion(time[new], found[new], length, modal, int(np.sum(~new)), gravity_of(gravity_deg))

@@ -57,8 +57,8 @@ def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign
     assert trials.rough[0].time.size < problem.train[0].time.size
     found = trials.refit(base, ("gravity_tilt",), {})
     whole = refit_from(problem, replace(options, effects=("gravity_tilt",)), base.fitted)
-    # Fitted to half of the 237 frames: what some ten parameters make of the noise of the other half stays.
-    assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.06)
+    # Fitted to half of the frames or less: what some ten parameters make of the noise of the others stays, most of it of heights alone.
+    assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.06 if observe == "angle" else 0.15)
 
 
 def test_a_set_that_comes_to_the_top_last_has_its_rivals_refitted_too(monkeypatch):

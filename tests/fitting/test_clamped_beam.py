@@ -28,7 +28,7 @@ def test_the_load_is_weighed_and_the_held_out_run_met(beam, capsys):
     found = ModelFit.load(beam / "rfea" / "models" / "base+payload" / "model.json")
     assert found.parameters["payload.m"].value == pytest.approx(0.052, rel=0.1)
     held_out = found.experiments["load52_b"]
-    assert held_out.role == "validate" and held_out.tip_rmse_mm < 0.8  # of a swing of 34 mm, and a sag of 17
+    assert held_out.role == "validate" and held_out.tip_rmse_mm < 0.9  # of a swing of 34 mm, whose turns count, and a sag of 17
     assert found.experiments["gravity_b"].tip_rmse_mm < 0.6
 
 

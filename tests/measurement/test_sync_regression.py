@@ -12,7 +12,7 @@ from rfea_vision.campaign.specs import PressureSpec
 from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
-from rfea_vision.scatter import single_leaps
+from rfea_vision.scatter import leaps
 from rfea_vision.stages import open_campaign
 from rfea_vision.sync import synchronise
 from rfea_vision.sync.filters import without_slow
@@ -225,13 +225,13 @@ def test_a_tangent_alone_has_an_error_that_holds_the_delay_along_the_tube(tmp_pa
 
 
 @pytest.mark.parametrize("frames", [5, 6, 9, 24])
-def test_clocks_leave_single_leaps_out_and_no_ringing_that_few_frames_show(frames):
+def test_clocks_leave_leaps_out_and_no_ringing_that_few_frames_show(frames):
     """Of films of 30 frames/s the peaks of a ringing of 5 Hz had been left out: three of five offsets within 1 ms for five."""
     count = np.arange(300)
     rings = np.exp(-np.mod(count, 75) / 15) * np.cos(2 * np.pi * np.mod(count, 75) / frames) * (np.mod(count, 75) > 5)
     rings = rings + np.random.default_rng(1).normal(0, 1e-3, 300)
-    assert not single_leaps(rings[:, None]).any()
+    assert not leaps(rings[:, None]).any()
     wrong = [60, 137, 215, 290]
     leaping = rings.copy()
     leaping[wrong] += [1.5, -1.2, 0.8, -1.0]
-    assert np.flatnonzero(single_leaps(leaping[:, None])).tolist() == wrong
+    assert np.flatnonzero(leaps(leaping[:, None])).tolist() == wrong
