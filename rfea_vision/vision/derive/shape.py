@@ -89,7 +89,10 @@ def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
             "inextensible inner side as ruler, constant half width: "
             "centre-line over hinge-side length minus one is half width times curvature"
         ),
-        "sigma_contains": "edge noise, its correlation along the tube, origin and calibration; *_noise_sigma: edge noise alone",
+        "sigma_contains": (
+            "edge noise, its correlation along the tube, what the pictures may lead astray, origin and calibration; "
+            "*_noise_sigma: edge noise alone"
+        ),
         "clamp_px_x": float(clamp_px[0]),
         "clamp_px_y": float(clamp_px[1]),
         "clamp_plane_x_mm": float(view.origin[0]),
