@@ -216,6 +216,13 @@ def rounded(value: float, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - exponent)}f}"
 
 
+def to_error(value: float, error: float | None) -> str:
+    """Return `value` to the second digit of its standard error, as -1344406.8 beside 9.1; without one as `rounded`."""
+    if not error or not math.isfinite(error) or not math.isfinite(value):
+        return rounded(value)
+    return f"{value:.{min(6, max(0, 1 - math.floor(math.log10(error))))}f}"
+
+
 def finite(value: object) -> object:
     """The same with None in place of the numbers that JSON cannot say, and text for keys, in dictionaries and lists of any depth."""
     if isinstance(value, dict):

@@ -19,6 +19,8 @@ from rfea_vision.yaml_line import flow
 
 _MOST_FILES = 1000  # more is a whole disk, not a campaign
 _ALBUM = 30  # more pictures than these are no photos of a board
+#: What brings a log to its run, where both were found alone.
+_UNPAIRED = " by its name; call it as its run is called, and join the parts of one run into one file"
 #: Boards as they are sold and printed, the usual ones first.
 _SIZES = ((9, 6), (8, 6), (7, 6), (7, 5), (8, 5), (10, 7), (11, 8), (6, 5), (7, 4), (6, 4), (5, 4), (6, 9), (5, 7))
 
@@ -67,7 +69,8 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
     pages = {folder / run.name / "experiment.yaml": draft.experiment(run, held_out=len(runs) > 1 and run is last) for run in runs}
     pages[folder / "campaign.yaml"] = draft.campaign(runs, [item.path for item in found if item.what == "picture"])
     write_new(pages)
-    left_out = [f"{item.path}: {item.note or 'belongs to no film or track'}" for item in alone]
+    lost = "belongs to no film or track" + (_UNPAIRED if len(logged) < len(runs) else "")
+    left_out = [f"{item.path}: {item.note or (lost if item.what == 'log' else 'belongs to no film or track')}" for item in alone]
     return Written(tuple(pages), tuple(draft.guesses), tuple(left_out))
 
 

@@ -13,6 +13,7 @@ from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.cli.console import drawn_previews, print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import PATH, Command, campaign_options, opened
 from rfea_vision.errors import DataError
+from rfea_vision.units import to_error
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import Track
@@ -202,7 +203,7 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
             [
                 row["experiment"],
                 row["method"],
-                row["offset_s"] * 1e3,
+                to_error(row["offset_s"] * 1e3, row["offset_stderr_s"] * 1e3),
                 row["offset_stderr_s"] * 1e3,
                 row.get("drift_ppm") or None,  # none was looked for, or none stood out of its error
             ]

@@ -23,6 +23,7 @@ _TURNED = re.compile(r"(?i)(?:^|[^a-z])(?:q|quat\w*|rot\w*|orient\w*)[ _.]*[xyzw
 """Headers of a quaternion: qx, q0, quat_w, pose.orientation.z, Rotation X."""
 _OF_LENGTH_ONE = 1e-2
 """How far the sum of its squares may be from one: two digits, as they may be written."""
+_NO_RATE = "is missing; the file counts frames, write 'rate: 240 Hz'"
 Lengths = Callable[[FloatArray], FloatArray]
 
 _FINE = 8
@@ -145,7 +146,8 @@ def _to_mm(points: Points, spec: TrackPart, to_rig_mm: Lengths | None) -> Length
         if points.unit in ("", "px", "pixels"):
             what = "positions are pixels" if points.unit else "the file does not say its unit"
             remedy = "write 'scale: 0.25 mm' (the length of one), or a camera with its calibration"
-            raise InputError(f"{points.source}: track.scale: is missing; {what}; {remedy}")
+            also = f"; track.rate: {_NO_RATE}" if points.time_s is None and spec.rate is None else ""
+            raise InputError(f"{points.source}: track.scale: is missing; {what}; {remedy}{also}")
         try:
             scale_mm = conversion_factor(points.unit, "mm")
         except ValueError as error:
@@ -163,7 +165,7 @@ def _times(points: Points, spec: TrackPart) -> FloatArray:
     if spec.rate is not None:
         return np.arange(count) / spec.rate
     if points.time_s is None:
-        raise InputError(f"{points.source}: track.rate: is missing; the file counts frames, write 'rate: 240 Hz'")
+        raise InputError(f"{points.source}: track.rate: {_NO_RATE}")
     right = np.isfinite(points.time_s) & (np.diff(points.time_s, prepend=-np.inf) > 0)
     refuse_rows(points.source, "time", ~right, "is not finite or does not increase")
     return points.time_s

@@ -10,6 +10,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+from rfea_vision import units
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import rounded
 
@@ -45,6 +46,11 @@ def with_error(value: float | None, error: float | None, unit: str, digits: int 
     if value is None or not error or not math.isfinite(error):
         return with_unit(value, unit, digits)
     return f"{number(value, digits)} ± {with_unit(error, unit, 2)}"
+
+
+def to_error(value: float | None, error: float | None) -> str:
+    """`value` alone, to the second digit of its standard error, with the signs of print; a dash where there is none."""
+    return number(None) if value is None else units.to_error(value, error).replace("-", MINUS)
 
 
 def inner_title(title: str) -> str:

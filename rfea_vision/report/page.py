@@ -116,6 +116,7 @@ def environment() -> jinja2.Environment:
         "number": formatting.number,
         "with_unit": formatting.with_unit,
         "with_error": formatting.with_error,
+        "to_error": formatting.to_error,
         "unit": formatting.unit_text,
         "lens": formatting.lens_words,
         "law": formatting.law,

@@ -324,6 +324,15 @@ def test_a_track_without_a_log_is_told_what_stands_for_one(tmp_path):
     assert run.pressure.constant_kPa == 0.0 and run.rig.held
 
 
+def test_a_log_in_two_parts_is_told_to_be_joined(tmp_path):
+    tip_track("left").to_csv(tmp_path / "a.csv", index=False)
+    log = pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa})
+    for part, rows in (("x-1", log[:200]), ("x-2", log[200:])):
+        rows.to_csv(tmp_path / f"{part}.csv", index=False)
+    left_out = write_campaign_from(tmp_path / "made", [tmp_path]).left_out
+    assert len(left_out) == 2 and all("join the parts of one run into one file" in item for item in left_out)
+
+
 CHAMBERS = [
     (("p_left_kPa", "p_right_kPa"), ("left", "right"), (1, -1)),
     (("chamber 1 [bar]", "chamber 2 [bar]", "chamber 3 [bar]"), ("chamber1", "chamber2", "chamber3"), (1, 1, 1)),

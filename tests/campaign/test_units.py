@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rfea_vision.errors import InputError
 from rfea_vision.options.given import read_conditions
-from rfea_vision.units import _PLAIN_UNITS, conversion_factor, parse_quantity
+from rfea_vision.units import _PLAIN_UNITS, conversion_factor, parse_quantity, to_error
 
 
 @pytest.mark.parametrize(
@@ -112,3 +112,12 @@ def test_frames_per_second_are_a_rate():
 def test_a_mass_without_a_unit_is_proposed_in_grams():
     with pytest.raises(InputError, match=r"write for example '10 g'"):
         read_conditions({"payload": 10.0})
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [(-1344406.787, 9.06, "-1344406.8"), (12.3456, 0.05, "12.346"), (1300.0, 64.0, "1300"), (12.3456, 0, "12.3"), (9.0, None, "9.00")],
+)
+def test_a_value_is_told_to_the_second_digit_of_its_standard_error(value, error, shown):
+    """Of a camera whose clock began with the day the offset had been told as -1.34e+06 ms, beside an error of 9."""
+    assert to_error(value, error) == shown

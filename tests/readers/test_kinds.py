@@ -131,6 +131,7 @@ def test_no_code_in_a_file_is_run(tmp_path):
         ({"points": ["clamp", "tipp"]}, "no 'tipp'; there are: clamp, m1, m2, tip; did you mean 'tip'?"),
         ({"points": ["clamp", "tip"], "scale": None}, "track.scale: is missing; positions are pixels"),
         ({"points": ["clamp", "tip"], "rate": None}, "track.rate: is missing"),
+        ({"points": ["clamp", "tip"], "scale": None, "rate": None}, "calibration; track.rate: is missing"),
         ({"points": ["tip"]}, "track.origin: is missing"),
         ({"points": ["clamp", "tip"], "axes": ("x", "z")}, "track.axes"),
     ],

@@ -8,6 +8,8 @@ import {pixelOf} from "./setup.js";
 const lamp = {run: null, film: null, picture: null, drag: null}; // of this run, and where the drag began
 const spec = () => campaign.state.experiments.find(e => e.name === experiment()?.name);
 const numberOf = e => campaign.state.experiments.indexOf(e);
+// To the second digit of its standard error, however far the two clocks are apart.
+const toError = (value, error) => error > 0 ? value.toFixed(Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(error))))) : show(value, 4);
 const methods = {motion: "found from the motion", led: "seen by the lamp", trigger: "told by the trigger", offset: "given by hand", common_clock: "one clock for both"};
 delete plots.sync.drag; // here one drags the motion, not the time
 
@@ -63,7 +65,7 @@ export function reload() { showClock(); }
 function showClock() {
   const e = spec(), clock = e?.recorded;
   one("#clock-runs").replaceChildren(...manifest.experiments.map((run, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === state.experiment)}, onclick: () => chooseExperiment(i)}, run.name)));
-  one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${show(Math.abs(clock.offset_ms), 4)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
+  one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${toError(Math.abs(clock.offset_ms), clock.stderr_ms)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
   for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !e; // by hand also where it was not found
   if (clock && document.activeElement !== one("#offset")) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
   one("#lamp-box").hidden = !e?.pictures; placeLamp();
