@@ -11,6 +11,8 @@ from typing_extensions import TypedDict  # of Python 3.11 the own one is not eno
 
 #: What a body that bends about its middle has no use for: slopes over the bore of a tube, and a second damper.
 UNUSED_BY_BEAMS = ("k_slope", "b_pos_slope", "b_neg_ref", "b_neg_slope")
+#: Where a floor comes from that is no more than a model's own error: that a model is at such a floor says nothing of the model.
+LEFT_BY_A_MODEL = "what a model leaves of its worst run (the track's standard errors claim more)"
 
 
 class Correlation(TypedDict, total=False):

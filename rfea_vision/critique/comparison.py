@@ -9,22 +9,25 @@ from typing import Any, TypedDict
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Comparison, Metrics, ModelFit, WorstPlace
 from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Recording
-from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentRow
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL, GoesWith, PhaseRow, PressureRow, SegmentRow
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
-from rfea_vision.fitting.noise import LEFT_BY_A_MODEL
+from rfea_vision.fitting.noise import white_noise_mm
 from rfea_vision.fitting.odd_pressure import about_odd_pressure
 from rfea_vision.fitting.scoring import worse_than_nothing
 from rfea_vision.units import rounded
 
 WORST_PLACES = 5  # listed; a page has room for no more
 WINDOW_S = 0.25  # over which the error is averaged: about one swing of the paper's tube
-STANDS_OUT = 1.2  # times the floor: nearer to it an error may be chance
+LEAST_FRAMES = 3  # in a window
+STANDS_OUT = 1.2  # times what is left elsewhere
+BY_CHANCE = 0.01  # share of runs of nothing but white noise in which a window would stand out
 PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every phase in a run of 6 s
 PLACES = 8  # parts of the tube, for its error along it: bars that can be read beside one another
 
@@ -40,6 +43,14 @@ def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArra
         return np.where(scored, np.sum(gap**2, axis=1, keepdims=True), np.nan), np.ones(1)
     gap = recording["bend_angle"].values - dataset["bend_angle"].values
     return np.where(scored, gap[:, None] ** 2, np.nan), np.ones(1)
+
+
+def _white_noise(dataset: xr.Dataset, recording: xr.Dataset) -> float:
+    """Of the tip in mm, of the angle in deg if alone: as high frequencies of what a model leaves show it."""
+    seen = next(key for key in ("midline", "tip", "bend_angle") if key in recording)
+    gap = recording[seen].values - dataset[seen].values
+    gap = gap[:, -1] if seen == "midline" else gap.reshape(len(gap), -1)
+    return white_noise_mm(np.where(dataset["scored"].values.astype(bool)[:, None], gap, np.nan))
 
 
 def _row_means(square: FloatArray) -> FloatArray:
@@ -61,24 +72,30 @@ def _worst(
     sigma: FloatArray,
     phase: NDArray[np.str_],
     floor: float | None,
-    floor_is: str,
+    noise: float,
     unit: str,
 ) -> list[WorstPlace]:
-    """Stretches of time whose error stands out: windows of a quarter second, neighbours in the same phase joined."""
+    """Stretches of time whose error stands out: windows of a quarter second, neighbours in the same phase joined.
+
+    Of the noise `floor`, or, where that is not known, of the run's other windows and of its white `noise`: what a model leaves is no
+    floor out of which its own error could stand.
+    """
     last, per_frame = time[-1], _row_means(square)
     windows = []
     for start in np.arange(time[0], last, WINDOW_S):
         inside = (time >= start) & (time < start + WINDOW_S) & np.isfinite(per_frame)
-        if inside.sum() >= 3:
+        if (count := int(inside.sum())) >= LEAST_FRAMES:
             values, counts = np.unique(phase[inside], return_counts=True)
             error = float(np.sqrt(per_frame[inside].mean()))
-            windows.append((error, start, min(start + WINDOW_S, last), str(values[counts.argmax()])))
+            windows.append((error, start, min(start + WINDOW_S, last), str(values[counts.argmax()]), count))
     if not windows:
         return []
-    limit = max(floor or 0.0, float(np.median([w[0] for w in windows])))
+    usual = float(np.median([window[0] for window in windows]))
     joined: list[tuple[float, float, Any]] = []  # from, to (s), and the phase
-    for error, start, stop, label in windows:
-        if error < STANDS_OUT * limit:
+    for error, start, stop, label, count in windows:
+        numbers = count * (2 if unit == "mm" else 1)
+        by_chance = np.sqrt(chdtri(numbers, BY_CHANCE / len(windows)) / numbers) * (floor or noise)
+        if error < max(STANDS_OUT * usual, by_chance):
             continue
         if joined and joined[-1][2] == label and start - joined[-1][1] < 1e-6:
             joined[-1] = (joined[-1][0], stop, label)
@@ -93,7 +110,9 @@ def _worst(
         along = _row_means(rows.T)
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
-        times = f", {rounded(rms / floor)} times {floor_is}" if floor else ""
+        times = f", {rounded(rms / floor)} times the noise floor" if floor else ""
+        if not floor and usual > 0:
+            times = f", {rounded(rms / usual)} times the median of this run"
         where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
         if low > 0.9:
             where = "at the tip" if unit == "mm" else "in the bend angle"
@@ -123,12 +142,12 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     """Compare a fitted model with the training and validation recordings (test runs are left alone)."""
     by_phase: list[PhaseRow] = []
     where = []
-    pressures, squares, places, biases = [], [], [], []
+    pressures, squares, places, biases, noises = [], [], [], [], []
     compared = [name for name in predictions if recordings[name].role in CHOOSING_ROLES]
     units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
     unit = units[compared[0]] if compared else "mm"
     floor = model.noise_floor_mm if unit == "mm" else model.noise_floor_deg
-    floor_is = "what this fit leaves of its worst run" if model.noise_floor_source == LEFT_BY_A_MODEL else "the noise floor"
+    floor = None if model.noise_floor_source == LEFT_BY_A_MODEL else floor
     for name in compared:
         if units[name] != unit:  # mm and deg are not pooled: such a run has its scores alone
             continue
@@ -152,7 +171,8 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
                     "frames": int(inside.sum()),
                 }
             )
-        where += _worst(name, time, square, sigma, phase, floor, floor_is, unit)
+        noises.append(_white_noise(dataset, data))
+        where += _worst(name, time, square, sigma, phase, floor, noises[-1], unit)
         pressures.append(pressure)
         squares.append(per_frame)
         if "normal_residual" in dataset:
@@ -170,7 +190,8 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
         residual_torque=torque,
         elongation=describe_elongation(recordings, predictions),
     )
-    return comparison.model_copy(update={"sentences": _sentences(model, comparison, unit)})
+    noise = floor or float(np.sqrt(np.mean(np.square(noises or [0.0]))))
+    return comparison.model_copy(update={"sentences": _sentences(model, comparison, unit, noise)})
 
 
 #: A dependence that explains less than this share of the residual torque's variance is not worth a word.
@@ -232,15 +253,13 @@ def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[
     ]
 
 
-def _at_the_floor(model: ModelFit, scores: Metrics | None) -> bool:
+def _at_the_floor(scores: Metrics | None, noise: float, unit: str) -> bool:
     """Whether no more is left than noise, of which a torque is no gap to be closed."""
-    if scores is None:
-        return False
-    pairs = ((scores.tip_rmse_mm, model.noise_floor_mm), (scores.angle_rmse_deg, model.noise_floor_deg))
-    return any(error < STANDS_OUT * floor for error, floor in pairs if error is not None and floor is not None)
+    error = scores and (scores.tip_rmse_mm if unit == "mm" else scores.angle_rmse_deg)
+    return error is not None and error < STANDS_OUT * noise
 
 
-def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
+def _sentences(model: ModelFit, comparison: Comparison, unit: str, noise: float) -> list[str]:
     out = []
     held = model.metrics.get("validate") or model.metrics.get("train")
     kind = "held-out" if "validate" in model.metrics else "training"
@@ -267,6 +286,6 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     torque = comparison.residual_torque.get("rms_mNm")
     if model.meets_no_run:  # a torque by such parameters tells nothing
         out += worse_than_nothing(model.experiments)
-    elif ranked and torque is not None and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
+    elif ranked and torque is not None and ranked[0]["score"] > 0.15 and not _at_the_floor(held, noise, unit):
         out.append(f"The torque that would close the gap is {rounded(torque)} mN m RMS; " + ranked[0]["sentence"])
     return out

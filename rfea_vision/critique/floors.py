@@ -7,7 +7,8 @@ from scipy.fft import dct
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Floors
-from rfea_vision.fitting.noise import LEFT_BY_A_MODEL, before_repeat, noise_floor_deg, noise_floor_mm
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL
+from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted

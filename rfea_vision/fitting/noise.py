@@ -13,12 +13,11 @@ from scipy.optimize import minimize_scalar
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS, Recording
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 
-#: Where a floor comes from that is no more than a model's own error: that a model is at such a floor says nothing of the model.
-LEFT_BY_A_MODEL = "what a model leaves of its worst run (the track's standard errors claim more)"
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
 _SEARCHED_S = [_STEP_S * k for k in sorted(range(-50, 51), key=abs)]

@@ -123,6 +123,7 @@ def environment() -> jinja2.Environment:
         "percent": lambda share: formatting.number(None) if share is None else f"{formatting.number(100 * share, 2)} %",
         "csv_address": _csv_address,
         "listing": formatting.listing,
+        "no_stretch": prose.no_stretch,
         "as_added": formatting.as_added,
         "code": formatting.inline_code,
         "log10": math.log10,

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rfea_vision.artefacts.judgement import undecided
+from rfea_vision.artefacts.judgement import ModelFit, undecided
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, listing, number, with_unit
 from rfea_vision.report.series import with_rivals
@@ -191,6 +192,15 @@ def _shows(step: LadderStep) -> str:
     elif low == 0:
         where = f"in the first {high} % of the way from the clamp"
     return f"; the model is off most {where}"
+
+
+def no_stretch(fit: ModelFit, unit: str) -> str:
+    """That a model fails nowhere more than elsewhere, and out of what nothing stands."""
+    own, source = fit.noise_floor_mm if fit.noise_floor_mm is not None else fit.noise_floor_deg, fit.noise_floor_source
+    if source == LEFT_BY_A_MODEL:
+        return f"No stretch of any run stands out from the rest of it: of its worst run this fit leaves {with_unit(own, unit)}."
+    size = "" if own is None else f", {with_unit(own, unit)}"
+    return f"No stretch of any run stands out from the noise floor of this fit{size}{': ' * bool(source)}{source}."
 
 
 def findings(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from rfea_vision.critique.comparison import _by_segment, _sentences, _worst
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
 from rfea_vision.errors import InputError
+from rfea_vision.fitting.noise import white_noise_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
 
 
@@ -64,12 +65,25 @@ def test_the_error_along_the_tube_is_told_whatever_the_number_of_nodes(nodes):
 
 
 def test_a_stretch_that_stands_out_is_told_by_the_floor_that_it_stands_out_of():
-    """Beside a noise floor of 0.03 mm, 0.44 mm had been called 1.4 times the noise floor: that of the fit was its own error."""
+    """A floor that was the fit's own error hid every stretch of a model that was 10 mm off: then the run's other stretches tell."""
     time, square, labels = np.arange(0, 4, 0.02), np.full((200, 1), 1.0), np.full(200, "hold")
     square[50:100] = 9.0
-    floors = "the noise floor", "what this fit leaves"
-    told = [_worst("a", time, square, np.ones(1), labels, 1.5, what, "mm") for what in floors]
-    assert [one[0].sentence.rpartition(", ")[2] for one in told] == ["1.98 times the noise floor.", "1.98 times what this fit leaves."]
+    told = [_worst("a", time, square, np.ones(1), labels, floor, 0.05, "mm") for floor in (1.5, None, 2.7)]
+    assert [one[0].sentence.rpartition(", ")[2] for one in told[:2]] == [
+        "1.98 times the noise floor.",
+        "2.97 times the median of this run.",
+    ]
+    assert told[2] == []
+
+
+def test_no_stretch_of_noise_alone_stands_out():
+    """Of seven frames in a quarter second, the 1.2 times of old was chance: at 30 frames per second one window in six."""
+    time, labels = np.arange(0, 60, 1 / 30), np.full(1800, "hold")
+    noise = np.random.default_rng(4).standard_normal((1800, 2))
+    square = np.sum(noise**2, axis=1, keepdims=True)
+    assert _worst("a", time, square, np.ones(1), labels, None, white_noise_mm(noise), "mm") == []
+    square[600:620] += 9.0
+    assert [place.from_s for place in _worst("a", time, square, np.ones(1), labels, None, white_noise_mm(noise), "mm")] == [20.0]
 
 
 def test_dependence_sees_curves_and_no_chance():
@@ -93,18 +107,16 @@ def test_a_rate_is_no_larger_where_frames_were_lost():
 def test_noise_is_no_gap_that_a_torque_would_close(error, said):
     """Of a model at the floor the residual torque is that of noise, differentiated twice: as large as that of a failure."""
     scores = {"validate": Metrics(angle_rmse_deg=error)}
-    model: Any = SimpleNamespace(
-        name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1, meets_no_run=False, experiments={}
-    )
+    model: Any = SimpleNamespace(name="base", metrics=scores, meets_no_run=False, experiments={})
     rate = {"on": "rate", "what": "the rate", "score": 0.44, "sentence": "44 % of its variance goes with the rate."}
     torque = {"rms_mNm": 0.95, "depends_on": [rate]}
-    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg", 0.1)
     assert any("torque" in text for text in told) == said
     model.experiments = {"run": ExperimentScore(role="train", pressure_times=1.45)}
-    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg", 0.1)
     assert "run is off as if its pressure were logged 1.45 times as high" in " ".join(told)
     model.meets_no_run, model.experiments = True, {"run": ExperimentScore(role="train", normalised_fit_percent=-20.0)}
-    lost = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    lost = _sentences(model, Comparison(model="base", residual_torque=torque), "deg", 0.1)
     assert "never moves" in lost[-1] and not any("torque" in text for text in lost)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, ModelFit
 from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, outcome_of, verdict_in_words
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL
 from rfea_vision.critique.diagnosis import none_to_rest_on
 from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.floors import left_by_a_model
@@ -18,7 +19,6 @@ from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.verdict import _asks_less, _complete, _likely, _unexplained, decide, remainder_of
 from rfea_vision.effects.catalogue import find_effects
-from rfea_vision.fitting.noise import LEFT_BY_A_MODEL
 from rfea_vision.stages.products import rung_of
 from testing.claims import brier, calibration_error, claims
 

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Recording, Track
-from rfea_vision.artefacts.rows import UNUSED_BY_BEAMS
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL, UNUSED_BY_BEAMS
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.effects.catalogue import catalogue
@@ -349,12 +349,15 @@ def test_a_refused_fit_gives_its_reason_before_anything_else(copy: Path) -> None
 
 
 def test_where_nothing_stands_out_the_page_says_from_which_floor(copy: Path) -> None:
-    """A floor that was the fit's own error hid every stretch, while the diagnosis, by a lower one, named what is missing."""
+    """A floor that is the fit's own error is none: then it is said what that leaves."""
     comparison, model = (copy / "models" / RUNGS[0] / name for name in ("comparison.json", "model.json"))
     comparison.write_text(json.dumps(json.loads(comparison.read_text()) | {"where": []}))
-    source = "what a model leaves of its worst run"
-    model.write_text(json.dumps(json.loads(model.read_text()) | {"noise_floor_mm": 10.6, "noise_floor_source": source}))
-    assert f"No stretch of any run stands out from the noise floor of this fit, 10.6 mm: {source}." in words(page_of(copy))
+    for source, said in (
+        ("standard errors of the track", "the noise floor of this fit, 10.6 mm: standard errors of the track."),
+        (LEFT_BY_A_MODEL, "the rest of it: of its worst run this fit leaves 10.6 mm."),
+    ):
+        model.write_text(json.dumps(json.loads(model.read_text()) | {"noise_floor_mm": 10.6, "noise_floor_source": source}))
+        assert f"No stretch of any run stands out from {said}" in words(page_of(copy))
 
 
 def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:
