@@ -25,8 +25,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
 
     Frames that the score leaves out (not valid, a jump of the track) are predicted as well, and have no residual. A recording on
     which the model cannot be simulated gets NaN, with the reason in the attribute ``note``. ``tip_stderr`` and
-    ``bend_angle_stderr`` are what the errors of the parameters do to the curves, to first order: parameters that are fixed or
-    at a bound have none.
+    ``bend_angle_stderr`` are what the errors of the free parameters do to the curves, to first order.
 
     Returns
     -------
@@ -62,11 +61,12 @@ def observe_as_scored(model: ModelFit, recording: Recording) -> Observed:
 
 
 def _known_parameters(model: ModelFit, names: Sequence[str]) -> tuple[list[int], np.ndarray, float]:
-    """Places of the parameters that have an error, their covariance, and how many errors a 95 % interval reaches."""
+    """Places of the free parameters, their covariance, and how many errors a 95 % interval reaches."""
     # A parameter's own error also holds what a finer chain would move, by which parameters make up for one another: the curves stay.
     errors = dict(zip(model.correlation.get("names", ()), model.correlation.get("stderr", ()), strict=False))
-    told = {name for name, item in model.parameters.items() if item.stderr and not item.fixed}
-    chosen = [name for name in errors if name in told and name in names]
+    # One of no interval counts, too, at a bound or not determined: what others are off by it makes up for, and the curves stay.
+    known = any(item.stderr for item in model.parameters.values())
+    chosen = [name for name in errors if known and name in names and not model.parameters[name].fixed]
     rows = [list(errors).index(name) for name in chosen]
     sizes = np.array([errors[name] for name in chosen])
     matrix = np.asarray(model.correlation.get("matrix", np.zeros((0, 0))), dtype=float)

@@ -243,7 +243,7 @@ def test_a_prediction_carries_what_the_error_of_a_parameter_does_to_it(fitted, e
     runs = noisy(exact[0], 0)
     artefact = as_artefact(problem, free)
     alone = {
-        name: item.model_copy(update={"stderr": None, "interval_95": None})
+        name: item.model_copy(update={"stderr": None, "interval_95": None, "fixed": True})
         for name, item in artefact.parameters.items()
     }
     known = artefact.parameters["r_hyd"]
@@ -261,6 +261,16 @@ def test_a_prediction_carries_what_the_error_of_a_parameter_does_to_it(fitted, e
     again = predict(one.model_copy(update={"parameters": {**alone, "r_hyd": coarse}}), {name: runs[name]})[name]
     np.testing.assert_array_equal(again["tip_stderr"], before["tip_stderr"])
     assert "tip_stderr" not in predict(one.model_copy(update={"parameters": alone}), {name: runs[name]})[name]
+
+
+def test_a_parameter_of_no_interval_counts_in_the_errors_of_a_prediction(fitted, exact):
+    """A lever that the data do not determine was left out: the stiffness that it makes up for blew the band up to the whole motion."""
+    artefact = as_artefact(*fitted)
+    refused = artefact.parameters["r_hyd"].model_copy(update={"stderr": None, "interval_95": None, "note": "not determined"})
+    told = artefact.model_copy(update={"parameters": artefact.parameters | {"r_hyd": refused}})
+    name, run = next(iter(noisy(exact[0], 0).items()))
+    all_told, without = (predict(model, {name: run})[name]["tip_stderr"].values for model in (artefact, told))
+    np.testing.assert_array_equal(without, all_told)
 
 
 def test_a_model_that_does_worse_than_no_motion_is_said_in_mm_and_in_deg():
