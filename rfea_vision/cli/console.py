@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _WIDE = 160  # columns of a table that goes to a file or another program
 _CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, and at what
+_OF_A_LOOK = ("dry_run", "as_json", "debug")  # those that the same command, typed again to do the work, leaves out
 LAWS = "--effect-file"  # without it what was fitted with laws of one's own is refused; the key of files that a command only names
 AGAIN = "rfea_vision.again"  # whether a result is to be printed again though nothing changed; the key is there where one may ask
 _SINCE = "rfea_vision.since"  # what the last line of a command that had nothing to do begins with
@@ -119,8 +120,8 @@ def _carried(command: str) -> list[str]:
         return []
     typed = [
         option for option in context.command.params
-        if isinstance(option, click.Option) and option.name in _CARRIED
-        and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
+        if isinstance(option, click.Option) and LAWS not in option.opts
+        and context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
     ]  # fmt: skip
     laws = [option for option in context.command.params if LAWS in option.opts]
     files = [file for option in laws for file in context.params.get(str(option.name)) or context.meta.get(LAWS, ())]
@@ -134,9 +135,10 @@ def _carried(command: str) -> list[str]:
     alike = {(option.name, option.help) for option in options}
     taken = files if any(LAWS in option.opts for option in options) else []
     words = [word for file in taken for word in (LAWS, shlex.quote(str(file)))]
+    again = following is context.command  # with nothing but what made this one a look, or print otherwise, left out
     for option in typed:
-        if (option.name, option.help) in alike:
-            words += [option.opts[0], *([] if option.is_flag else [shlex.quote(str(context.params[option.name]))])]
+        if option.name not in _OF_A_LOOK if again else option.name in _CARRIED and (option.name, option.help) in alike:
+            words += [option.opts[0], *([] if option.is_flag else [shlex.quote(str(context.params[str(option.name)]))])]
     return words
 
 

@@ -65,8 +65,8 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     else:
         record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
     if (offsets := offsets_tried(data)) is not None:
-        chosen_ms = 1000 * float(data.attrs.get("offset_s", 0.0))
-        record["offsets"] = {"ms": pack.add(offsets[0]), "explained": pack.add(offsets[1]), "chosen": chosen_ms}
+        chosen_ms, error_ms = (1000 * float(data.attrs.get(key, 0.0)) for key in ("offset_s", "offset_stderr_s"))
+        record["offsets"] = {"ms": pack.add(offsets[0]), "explained": pack.add(offsets[1]), "chosen": chosen_ms, "error": error_ms}
     else:
         method = str(data.attrs.get("sync_method", "")).replace("_", " ")
         record["why"]["offsets"] = (

@@ -131,7 +131,7 @@ EXPORTED = (
     "prediction", "plots", "Figure", "scale", "padded", "axisX", "axisY", "area", "colours", "ticks", "timeBox", "timeScale",
     "cursorAt", "download", "stage", "paintStage", "seek", "play", "pose", "poseTime", "setTime", "setWindow", "zoom", "step",
     "chooseRung", "chooseExperiment", "holdEarlier", "showTime", "showMarks", "toggleScale", "toggleTheme", "setTheme", "jumpToPeak",
-    "forgetView",
+    "forgetView", "toError",
 )  # fmt: skip
 
 

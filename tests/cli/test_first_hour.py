@@ -305,6 +305,8 @@ def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
     answer = rfea("batch", folder, "--dry-run", "--json")
     states = {item["stage"]: item["state"] for item in json.loads(answer.out)["plan"][str(folder)]}
     assert states["sync"] == "unchanged" and states["improve"] == "to do", answer
+    asked = ("--recipe", "paper", "--workers", "1")
+    assert f"next: rfea batch {folder} --workers 1 --recipe paper   (" in rfea("batch", folder, "--dry-run", *asked).out
 
 
 @pytest.mark.parametrize("sufficient", [True, False])

@@ -116,6 +116,16 @@ def test_a_curve_is_drawn_by_what_one_can_see_of_it(opened: Browser) -> None:
     )
 
 
+def test_the_axis_of_a_distant_clock_is_told_from_its_first_mark(opened: Browser) -> None:
+    """Of a logger that writes Unix time every mark of the time had been 1.7471·10⁹; of offsets of a day they ran into one another."""
+
+    def zero(low: float, high: float, wide: int = 400) -> float:
+        return opened.run(f"(() => {{ {static('plot.js')}; return distantZero(ticks({low}, {high}, 4), scale({low}, {high}, 0, {wide})); }})()")
+
+    assert zero(1747056193.0, 1747056201.0) == 1747056194.0 and zero(-1549000.0, -1529000.0, 200) == -1545000.0
+    assert zero(0.0, 20.0) == zero(0.0, 2e6) == 0.0
+
+
 def test_a_wild_value_leaves_the_colours_of_all_others(opened: Browser) -> None:
     """The torque at the ends of a smoothed run is forty times the usual one: the whole carpet had been pale."""
     end = opened.run(f"""(() => {{ {static("data.js")};

@@ -86,6 +86,10 @@ const experiment = () => manifest.experiments[state.experiment];
 const prediction = (of = rung()) => of?.experiments[experiment()?.name];
 const predictionBefore = () => { const before = rungBefore(); return before && prediction(before); };
 
+// To the second digit of its standard error, however far two clocks are apart.
+function toError(value, error) {
+  return error > 0 ? value.toFixed(Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(error))))).replace("-", "−") : show(value, 4);
+}
 function show(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (value === 0) return "0";

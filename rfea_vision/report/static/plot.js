@@ -24,13 +24,22 @@ function area(pen, {left = 54, right = 14, top = 8, bottom = 30} = {}) { return 
 
 function axisX(pen, box, x, label, {grid = false, about} = {}) {
   const c = pen.colours;
-  for (const v of ticks(x.low, x.high, about ?? Math.max(2, (box.right - box.left) / 90))) {
+  const at = ticks(x.low, x.high, about ?? Math.max(2, (box.right - box.left) / 90)), from = distantZero(at, x);
+  for (const v of at) {
     if (grid) pen.line([x(v), x(v)], [box.top, box.bottom], c.grid, 1);
     pen.line([x(v), x(v)], [box.bottom, box.bottom + 3], c.hair, 1);
-    pen.text(tickText(v), x(v), box.bottom + 5, {align: "center", base: "top"});
+    pen.text(tickText(+(v - from).toPrecision(6)), x(v), box.bottom + 5, {align: "center", base: "top"});
   }
   pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
-  if (label) pen.text(label, box.right, pen.height - 1, {align: "right", base: "bottom"});
+  if (label) pen.text(from ? `${label}, from ${String(from).replace("-", "−")}` : label, box.right, pen.height - 1, {align: "right", base: "bottom"});
+}
+
+// Where numbers written with a power (of a clock that counts from another day) are alike or run into one another, the first of them is
+// the zero that the others are told from.
+function distantZero(at, x) {
+  const words = at.map(tickText), wide = Math.max(...words.map(word => word.length)) * 6.5;
+  const crowded = at.length > 1 && (new Set(words).size < at.length || Math.abs(x(at[1]) - x(at[0])) < wide);
+  return crowded && words.some(word => word.includes("·10")) ? at[0] : 0;
 }
 
 function axisY(pen, box, y, label, {about} = {}) {

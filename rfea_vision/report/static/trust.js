@@ -54,7 +54,7 @@ plots.offsets = {
     pen.line([x(chosen), x(chosen)], [box.top, box.bottom], c.modelled, 1.4, [4, 3]);
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => pen.line(x.all(series(ms)), y.all(series(explained)), c.ink, 1.8));
   },
-  readout: () => `<b class="f">${show(experiment().offsets.chosen, 3)}</b> ms`,
+  readout: () => `<b class="f">${toError(experiment().offsets.chosen, experiment().offsets.error)}</b> ms`,
 };
 
 plots.width = carpet({data: () => series(experiment().width), limit: () => extent(series(experiment().width)), unit: "mm", yLabel: "clamp 0 … tip 1", places: () => [0, 1], paint: () => s => brightRamp(s)});

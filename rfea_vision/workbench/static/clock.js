@@ -1,5 +1,5 @@
 // One clock: pressure and motion over one another. Drag the motion along; let the offset be found; or show where the lamp is.
-import {chooseExperiment, experiment, Figure, manifest, on, plots, show, state, timeBox, timeScale} from "../report/report.js";
+import {chooseExperiment, experiment, Figure, manifest, on, plots, show, state, timeBox, timeScale, toError} from "../report/report.js";
 import {figure, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
 import {begin, busy, campaign, complain, guarded, reload as reloadAll} from "./main.js";
@@ -8,8 +8,6 @@ import {pixelOf} from "./setup.js";
 const lamp = {run: null, film: null, picture: null, drag: null}; // of this run, and where the drag began
 const spec = () => campaign.state.experiments.find(e => e.name === experiment()?.name);
 const numberOf = e => campaign.state.experiments.indexOf(e);
-// To the second digit of its standard error, however far the two clocks are apart.
-const toError = (value, error) => error > 0 ? value.toFixed(Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(error))))) : show(value, 4);
 const methods = {motion: "found from the motion", led: "seen by the lamp", trigger: "told by the trigger", offset: "given by hand", common_clock: "one clock for both"};
 delete plots.sync.drag; // here one drags the motion, not the time
 
