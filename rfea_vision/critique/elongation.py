@@ -33,6 +33,8 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
     if not chosen:
         lines = any("midline" in r.dataset for r in recordings.values())
         why = "these nodes were placed evenly by another tool" if lines else "these recordings have no centre line"
+        absent = (str(r.dataset.attrs.get("elongation_assumption", "")) for r in recordings.values())
+        why = next((said.removeprefix("absent: ") for said in absent if said.startswith("absent: ")), why)
         return {
             "sentence": f"The elongation along the tube was not measured: {why}.",
             "assumption": "",

@@ -149,8 +149,9 @@ def _trust(run: str, data: xr.Dataset) -> list[Plate]:
     hinge, angle = _valid(data, "hinge_length"), _valid(data, "bend_angle")
     if hinge is not None and angle is not None:
         rows = thinned(len(hinge), 1500)
-        dots = [Series("inner side", "dots", angle[rows], hinge[rows])]
-        found += lines(f"{run}-hinge", "Length of the inner side", Axis("bend angle", "deg"), Axis("length", "mm"), dots)
+        kept_by = str(data.attrs.get("length_kept_by", "inner side"))
+        dots = [Series(kept_by, "dots", angle[rows], hinge[rows])]
+        found += lines(f"{run}-hinge", f"Length of the {kept_by}", Axis("bend angle", "deg"), Axis("length", "mm"), dots)
     if (offsets := offsets_tried(data)) is not None:
         share = Axis("share of the motion explained")
         tried_at = [Series(share.label, "measured", *offsets)]

@@ -261,15 +261,26 @@ FIGURES = {
 }
 
 
-def figures_in(unit: str) -> dict[str, Figure]:
+OF_BEAM = Figure(
+    "hinge",
+    "Length of the middle",
+    "One dot per instant against the bend angle. A beam bends about its middle: a slope means that it stretches, or that the "
+    "plane, the lens or the scale is off.",
+    "Length of the beam's middle against its bend angle",
+    280,
+)
+
+
+def figures_in(unit: str, *, beam: bool = False) -> dict[str, Figure]:
     """The figures of a page whose errors are in ``mm`` at the tip, or in ``deg`` where only an angle was measured."""
+    figures = FIGURES | ({"hinge": OF_BEAM} if beam else {})
     if unit == "mm":
-        return FIGURES
+        return figures
     error = FIGURES["error"]
     how = error.how.replace(
         "Distance between measured and modelled tip", "Measured minus modelled bend angle, without sign"
     )
-    return FIGURES | {
+    return figures | {
         "error": replace(error, title="Angle error", how=how, label=error.label.replace("Tip", "Angle")),
         "study": replace(
             FIGURES["study"],

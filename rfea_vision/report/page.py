@@ -66,9 +66,10 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = (), runs: Coll
         "bends": bends_of(evidence),
     }
     shown = [errors_of(step, evidence) for step in evidence.steps]
+    beam = any(said["sentence"] == "middle" for said in _said_of_runs(evidence, "length_kept_by"))
     return environment().get_template("page.html.j2").render(
         title=title, bends=bends_of(evidence), evidence=evidence, titles=titles, experiments=experiments,
-        commands=commands, figures=figures_in(shown[-1].unit if shown else "mm"),
+        commands=commands, figures=figures_in(shown[-1].unit if shown else "mm", beam=beam),
         checks=_said_of_runs(evidence, "length_check"), placed=_said_of_runs(evidence, "calibration_sentence"),
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence, titles)),
         tiles=list(prose.tiles(evidence, titles)), last=evidence.last,

@@ -85,6 +85,8 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
 def _lacking(run: str, name: str, data: xr.Dataset) -> str:
     """Why a series is not there, in the reader's words."""
     noun = _NOUNS.get(name, name.replace("_", " "))
+    if name == "elongation" and (absent := str(data.attrs.get("elongation_assumption", ""))).startswith("absent: "):
+        return f"The track of {run} does not give the {noun}: {absent.removeprefix('absent: ')}."
     if "tip" not in data and "midline" not in data:
         return f"{run} has no {noun}: only its bend angle was measured."
     return f"The track of {run} does not give the {noun}{'' if 'edges' in data else ': it came from another tool'}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from contextlib import closing
 from dataclasses import replace
@@ -248,7 +249,8 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
 
 def scale_doubt(length_check: str) -> str:
     """What a track's check of the length says against the scale; empty where the length is the tube's."""
-    return length_check.partition("; ")[2].replace("it measures", "the inextensible side measures", 1)
+    kept, _, measures = length_check.partition("; ")
+    return measures.replace("it measures", f"{re.split(' keeps | changes ', kept)[0]} measures", 1)
 
 
 def _scale_first(reasons: list[str]) -> str:

@@ -27,6 +27,12 @@ from rfea_vision.vision.find.begin import Scene
 HEADINGS = 65  # places along the line at which its direction is read for what lies between marks
 PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
 
+AS_RULER = (
+    "inextensible inner side as ruler, constant half width: "
+    "centre-line over hinge-side length minus one is half width times curvature"
+)
+NO_RULER = "absent: a beam bends about its middle, and how its parts stretch is told by marks on it alone"
+
 Derived = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
 """Variables of the track by name: dimensions and values."""
 
@@ -85,10 +91,8 @@ def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
         "frame": "rig: origin at the middle of the first visible cross-section, x to the camera's right, y up",
         "bends": scene.actuator.bends,
         "units": "mm",
-        "elongation_assumption": (
-            "inextensible inner side as ruler, constant half width: "
-            "centre-line over hinge-side length minus one is half width times curvature"
-        ),
+        "length_kept_by": "inner side" if view.hinge_mm else "middle",
+        "elongation_assumption": AS_RULER if view.hinge_mm else NO_RULER,
         "sigma_contains": (
             "edge noise, its correlation along the tube, what the pictures may lead astray, origin and calibration; "
             "*_noise_sigma: edge noise alone"
@@ -212,12 +216,17 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
     width_noise = np.sqrt(view.inflation * block["width_variance"].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, variance["tip_slope"], length, from_picture, view)
     elongation, elongation_noise, elongation_sigma, hinge = elongation_of(
-        rows.segments, coefficients, view.sign, variance["joint"], length, view.half_mm, view.calibrated, from_picture
+        rows.segments, coefficients, view.sign, variance["joint"], length, view.hinge_mm, view.calibrated, from_picture
     )
     tip, tip_noise, tip_sigma = _tip(line, numbers, node_noise[:, -1], from_picture, view)
     to_side = view.sign * half[..., None] * line.left
     sides = [view.in_rig(line.points - to_side), view.in_rig(line.points + to_side)]
-    series, space = ("time",), ("time", "node")
+    series, space, segments = ("time",), ("time", "node"), ("time", "segment")
+    stretched: Derived = {
+        "elongation": (segments, elongation),
+        "elongation_sigma": (segments, elongation_sigma),
+        "elongation_noise_sigma": (segments, elongation_noise),
+    }
     return {
         "midline": (("time", "node", "xy"), view.in_rig(line.points)),
         "midline_sigma": (space, node_sigma),
@@ -233,9 +242,7 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
         "bend_angle": (series, np.degrees(bend)),
         "bend_angle_sigma": (series, np.degrees(bend_sigma)),
         "bend_angle_noise_sigma": (series, np.degrees(bend_noise)),
-        "elongation": (("time", "segment"), elongation),
-        "elongation_sigma": (("time", "segment"), elongation_sigma),
-        "elongation_noise_sigma": (("time", "segment"), elongation_noise),
+        **(stretched if view.hinge_mm else {}),
         "length": (series, length),
         "hinge_length": (series, hinge),
         "edge_noise": (series, numbers["noise"]),
@@ -298,20 +305,23 @@ def _tip(
 
 
 def _length_check(hinge: FloatArray, bend: FloatArray, scene: Scene, *, of_body: bool) -> dict[str, Any]:
-    """The inextensible side must keep its length over all postures; a body that was followed may have none.
+    """The inextensible side must keep its length over all postures; a body that was followed may have none, and a beam stretch.
 
-    `hinge` (t,) mm is that length, `bend` (t,) deg the turn from the clamp's tangent to the tip's: how the rig stands is no posture.
+    `hinge` (t,) mm is that length, or a beam's own, `bend` (t,) deg the turn from the clamp's tangent to the tip's: how the rig stands
+    is no posture.
     """
+    line, may_stretch = ("inextensible side", of_body) if scene.hinge_mm else ("middle", True)
     spread = float(np.ptp(np.quantile(hinge, [0.02, 0.98])))
     slope = float(np.polyfit(bend, hinge, 1)[0]) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
     change = 100 * slope * float(np.ptp(bend)) / float(np.median(hinge))
     # The length that is given is that at rest: of a body that stretches with the bend, that of its straightest posture.
-    rest = float(np.median(hinge)) - (slope * float(np.median(bend) - bend[np.argmin(np.abs(bend))]) if of_body else 0.0)
+    rest = float(np.median(hinge)) - (slope * float(np.median(bend) - bend[np.argmin(np.abs(bend))]) if may_stretch else 0.0)
     off = 100 * (rest / scene.length_mm - 1)
-    said = f"the inextensible side keeps its length within {abs(change):.2g} % over all postures"
+    said = f"the {line} keeps its length within {abs(change):.2g} % over all postures"
     if abs(change) > 1.0:
-        said = f"the inextensible side changes by {change:+.1f} % with the bend"
-        said += ", as one that stretches does, or one in a plane that is tilted" if of_body else ": suspect plane tilt, lens or scale"
+        said = f"the {line} changes by {change:+.1f} % with the bend"
+        tilted = ", as one that stretches does, or one in a plane that is tilted"
+        said += tilted if may_stretch else ": suspect plane tilt, lens or scale"
     if abs(off) > 3.0:
         scales = "the board's square (or camera.scale)"
         checked = "the length, and that camera.clamp and camera.tip are its ends"

@@ -37,6 +37,7 @@ class View:
     clamped : angle (rad) of the clamp's tangent from down, positive towards the bend
     inflation : variance of an edge over that of its noise
     half_mm : half width
+    hinge_mm : how far inside of the centre line lies the one that keeps its length
     calibrated : what the camera's uncertainty moves
     origin_sigma, lateral_sigma : standard errors (mm) of the clamp along and across the tube
     from_picture : errors that the pictures tell of
@@ -48,6 +49,7 @@ class View:
     clamped: float
     inflation: float
     half_mm: float
+    hinge_mm: float
     calibrated: CalibrationError
     origin_sigma: float
     lateral_sigma: float
@@ -82,6 +84,7 @@ def view_of(
     started = _start_stderr(across, start_variance, scene.px_per_mm)
     moved = camera_moved(across, np.sqrt(start_variance))
     missed = _end_missed(coefficients[0], scene) if rows.valid[:FIRST_TRIES].any() else 0.0
+    half_mm = float(np.median(rows.good_ones("width")[:, 1:-1]))
     from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm).grown(moved, missed)
     return View(
         origin=origin,
@@ -89,7 +92,8 @@ def view_of(
         sign=scene.actuator.mirror,
         clamped=float(from_down(clamp @ rig_axes(down).T, scene.actuator.mirror)),
         inflation=smoothed.inflation,
-        half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
+        half_mm=half_mm,
+        hinge_mm=half_mm if scene.hinge_mm else 0.0,
         calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
         origin_sigma=_clamp_stderr(*clamp_stderr_mm, smoothed.inflation * np.median(numbers["tip_variance"])),
         lateral_sigma=float(np.hypot(np.median(from_picture.across), started)),

@@ -98,6 +98,11 @@ class Scene:
         return 1000.0 * self.actuator.outer_radius
 
     @property
+    def hinge_mm(self) -> float:
+        """How far inside of the centre line lies the one that keeps its length: a tube's inextensible side, a beam's middle."""
+        return 1000.0 * self.actuator.offset
+
+    @property
     def length_mm(self) -> float:
         """Length of the centre line at rest."""
         return 1000.0 * self.actuator.length
@@ -295,7 +300,7 @@ def _both_ends(
         along = float((given[0] - x) * tx + (given[1] - y) * ty)
         tips = [(end, share) for end, share in tips if abs(end.along_mm - along) < 4 * half] or tips
     vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-    hinge = length_of(state) - half * scene.turn_sign * turning(work.normal)
+    hinge = length_of(state) - (half if scene.hinge_mm else 0.0) * scene.turn_sign * turning(work.normal)
     return choose_ends(bases, tips, hinge, scene.length_mm)
 
 

@@ -140,8 +140,8 @@ class Judge:
         return reason or self._length(fit)
 
     def _length(self, fit: FrameFit) -> str:
-        """The inextensible side keeps its length: centre line minus half width times the bend."""
-        hinge = fit.length - self.scene.half_mm * self.scene.turn_sign * fit.bend
+        """The inextensible side keeps its length, centre line minus half width times the bend; of a beam the centre line does."""
+        hinge = fit.length - self.scene.hinge_mm * self.scene.turn_sign * fit.bend
         limit = LENGTH_OFF if self.hinge_lengths else GIVEN_LENGTH_OFF
         if abs(hinge / self.expected_mm - 1) > limit or self._jumps(hinge):
             return "length_off"
