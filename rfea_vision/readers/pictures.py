@@ -58,16 +58,19 @@ def read_colour(path: Path, *, bits: int = 16) -> Picture | None:
 
 
 def decode(path: Path, how: int, bits: int = 16) -> Picture | None:
-    """Read a picture with OpenCV's flags; it returns nothing for what it does not know and raises for what is damaged."""
+    """Read a picture with OpenCV's flags; it returns nothing for what it does not know and raises for what is damaged.
+
+    All are read as deep as they are: asked for 8 bits, it does not know a TIFF whose pixels are packed in 10, 12 or 14.
+    """
     if isolated():
         try:
             return ask("picture", path, how=how)
         except InputError:
             return None
-    found = _decoded(path, how | (cv2.IMREAD_ANYDEPTH if bits < DEPTHS[-1] else 0))
+    found = _decoded(path, how | cv2.IMREAD_ANYDEPTH)
     if found is not None and found.dtype == np.uint16:
-        found = np.minimum(found >> (bits - DEPTHS[0]), 255)
-    return None if found is None else np.asarray(found, dtype=np.uint8)
+        found = np.minimum(found >> (bits - DEPTHS[0]), 255).astype(np.uint8)
+    return found if found is not None and found.dtype == np.uint8 else None
 
 
 def _decoded(path: Path, how: int) -> NDArray[Any] | None:

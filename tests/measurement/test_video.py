@@ -1,6 +1,7 @@
 """Time stamps, not frame numbers."""
 
 import re
+import struct
 from fractions import Fraction
 
 import av
@@ -119,6 +120,32 @@ def test_pictures_of_a_camera_of_12_bits_are_not_black(tmp_path, white, bits, el
     if elsewhere:
         for decoder in ("imdecode", "imcount"):
             monkeypatch.setattr(cv2, decoder, _never)
+    with apart.isolating(elsewhere):
+        source = open_frames(tmp_path, None, 10.0)
+        assert [int(luma[0, 0]) for _, luma in source.frames()] == pytest.approx(told, abs=1)
+        assert [int(picture[0, 0, 1]) for _, picture in source.colours()] == pytest.approx(told, abs=1)
+
+
+def _packed_tiff(grey: np.ndarray, bits: int) -> bytes:
+    """Grey levels (h, w) as high-speed cameras write them: each pixel takes as many bits as it has, one behind the other."""
+    rows = [(int(level) >> bit) & 1 for level in grey.ravel() for bit in reversed(range(bits))]
+    data = np.packbits(np.array(rows, np.uint8)).tobytes()
+    height, width = grey.shape
+    tags = [(256, width), (257, height), (258, bits), (259, 1), (262, 1), (273, 8 + 2 + 12 * 9 + 4)]
+    tags += [(277, 1), (278, height), (279, len(data))]
+    listed = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    return struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", len(tags)) + listed + struct.pack("<I", 0) + data
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_pictures_whose_pixels_are_packed_are_read(tmp_path, bits, elsewhere):
+    """They were called unreadable, and were to be copied again."""
+    white = (1 << bits) - 1
+    for number, share in enumerate((0.02, 0.5, 1.0)):
+        grey = np.full((40, 60), round(share * white), np.uint16)
+        (tmp_path / f"{number}.tif").write_bytes(_packed_tiff(grey, bits))
+    told = [round(share * white) >> (bits - 8) for share in (0.02, 0.5, 1.0)]
     with apart.isolating(elsewhere):
         source = open_frames(tmp_path, None, 10.0)
         assert [int(luma[0, 0]) for _, luma in source.frames()] == pytest.approx(told, abs=1)
