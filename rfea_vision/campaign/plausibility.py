@@ -207,11 +207,19 @@ def _of_angles(track: xr.Dataset) -> str:
     return ""
 
 
-def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
-    """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length."""
+def of_upside_down(track: xr.Dataset, length_mm: float, gravity_deg: float | None = 0.0) -> list[str]:
+    """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length.
+
+    Where no gravity pulls in the plane (None), the picture may be turned as it likes, and the frame is to be turned as the tube lies.
+    """
     above_mm = begins_at(valid_rows(track, "tip"))[1]
     if above_mm < _UPWARDS * length_mm:
         return []
+    if gravity_deg is None:
+        return [
+            f"begins with the tip {above_mm:.3g} mm above the clamp, and a tube at rest points down from it; without gravity that is "
+            "where the tube lies: write vertical: rest in camera"
+        ]
     return [
         f"begins with the tip {above_mm:.3g} mm above the clamp; is the film upside down? Then turn it and the photos of the board by "
         "half a turn; if the tube stands, write rig: {gravity: up}"

@@ -225,6 +225,11 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
     for key in sorted(given & _UNUSED[section.kind]):
         raise InputError(f"actuator.{key} has no meaning in a section of the kind '{section.kind}'; leave it out")
     values = part.model_dump(exclude={"mass", "section", "material"})
+    if section.kind == "tube" and "inner_radius" not in given and part.inner_radius >= part.outer_radius > 0:
+        raise InputError(
+            f"actuator.inner_radius is missing: that of the paper's tube, {1e3 * part.inner_radius:g} mm, is no smaller than "
+            f"actuator.outer_radius, {1e3 * part.outer_radius:g} mm; give it, or 'section: {{kind: rod}}' for a body without a bore"
+        )
     if part.mass is not None and part.mass_per_length is not None:
         raise InputError("actuator.mass stands beside actuator.mass_per_length; keep one of the two")
     if part.mass is not None:

@@ -63,7 +63,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         seen_s = open_source(replace(video, rate_Hz=None)).times_s() if counted else found.time_s
         doubts += plausibility.of_gaps(seen_s, counted=counted)
         doubts += plausibility.of_copies(found.time_s, np.asarray(found.dataset["reason"].values == "duplicate"))
-        doubts += plausibility.of_upside_down(found.dataset, 1e3 * experiment.actuator.length)
+        doubts += plausibility.of_upside_down(found.dataset, 1e3 * experiment.actuator.length, experiment.rig.gravity_deg)
         doubts += of_width(found.dataset, experiment.actuator)
         found.dataset.attrs["doubts"] = "; ".join(filter(None, [found.dataset.attrs.get("doubts"), *doubts]))
         _say_calibration(found, calibration.value, experiment)
@@ -107,7 +107,7 @@ def follow(
         calibration,
         experiment.actuator,
         vertical=camera.vertical,
-        gravity_deg=experiment.rig.gravity_deg or 0.0,
+        gravity_deg=experiment.rig.gravity_deg,
         hints=camera.hints,
         lamp_box=sync.lamp_box if sync.method == "led" else None,
         line_delay_s=camera.line_delay_s,

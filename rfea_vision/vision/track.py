@@ -47,10 +47,8 @@ WRONG_SIDE_DEG = 5.0  # chosen: more than a hanging tube at rest is turned by in
 EDGES_ALONE = 0.8
 EDGES_TRIED = 31  # frames after which this is first asked, unless so many were missed that the answer is known
 LOST_FOR = 240  # frames, a second of the fastest phone's: what hides a body for longer than it was seen is not waited out
-CARRIED_ABOUT = (
-    "what holds the tube is carried about in the picture and was followed: the line is as it is seen from there, and gravity is taken "
-    "to pull on it as in the first frame"
-)
+CARRIED_ABOUT = "what holds the tube is carried about in the picture and was followed: the line is as it is seen from there"
+PULLED_ALIKE = ", and gravity is taken to pull on it as in the first frame"
 BY_ENDS = (
     "it was read by camera.clamp and camera.tip alone, for along camera.centre_line too few frames are: the line passes those points "
     "all the same"
@@ -65,7 +63,7 @@ def track_frames(
     actuator: Actuator,
     *,
     vertical: Vertical = "board",
-    gravity_deg: float = 0.0,
+    gravity_deg: float | None = 0.0,
     hints: Hints | None = None,
     lamp_box: Sequence[float] | None = None,
     line_delay_s: float | None = None,
@@ -81,7 +79,8 @@ def track_frames(
     calibration : lens and plane of motion, for pictures of the same shape
     actuator : outer radius and length predict how wide and how long the tube looks
     vertical : ``board``, ``rest``, ``image`` or ``{"plumb": [[x, y], [x, y]]}`` in px
-    gravity_deg : direction of the vertical from that in which the unloaded tube points, positive in the direction of the bend
+    gravity_deg : direction of the vertical from that in which the unloaded tube points, positive in the direction of the bend;
+        None where no gravity pulls in the plane
     hints : what a person pointed at in the first frame
     lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
     line_delay_s : of a rolling shutter, from one row of the file's pictures to the next; a frame's time is then that of the
@@ -103,7 +102,7 @@ def track_frames(
         If no tube is found, or fewer than half of the frames could be measured, or what nobody pointed at rests and another tube moves.
     """
     calibration = matched_to(calibration, source)
-    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
+    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg or 0.0)
     last = _frame_count(source) - 1 if scene.hints.corrections else 0
     if late := [later.frame for later in scene.hints.corrections if later.frame > last]:
         raise InputError(f"{source.path}: camera.corrections: frame {late[0]} is not in the film, whose last is {last}; correct it")
@@ -124,7 +123,8 @@ def track_frames(
     data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
     if told := moves_elsewhere(trials, data["tip"].values[data["valid"].values.astype(bool)]):
         raise DataError(f"{source.path}: {told}")
-    said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
+    carried = isinstance(follower, BodyFollower) and follower.held
+    said = [CARRIED_ABOUT + ("" if gravity_deg is None else PULLED_ALIKE)] if carried else []
     said += [told] if (told := went_astray(follower)) else []
     if told := _misplaced(trials, follower, rows) or end_like_wall(follower) or end_guessed(follower):
         said.append(told)

@@ -401,3 +401,10 @@ def test_a_film_that_goes_dark_or_is_upside_down_is_doubted():
         in of_upside_down(xr.Dataset({"tip": (("time", "xy"), tip), "valid": valid}), 155.0)[0]
     )
     assert of_upside_down(xr.Dataset({"tip": (("time", "xy"), -tip), "valid": valid}), 155.0) == []
+
+
+def test_a_film_without_gravity_is_not_called_upside_down():
+    """Of a body on a level table it was said that the film is upside down, or that the tube stands."""
+    track = xr.Dataset({"tip": (("time", "xy"), np.tile([5.0, 150.0], (9, 1))), "valid": ("time", np.ones(9, dtype=bool))})
+    (told,) = of_upside_down(track, 155.0, None)
+    assert "write vertical: rest in camera" in told and "upside down" not in told and "gravity: up" not in told

@@ -9,6 +9,8 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.resolve import resolve_actuator
+from rfea_vision.campaign.schema import ActuatorPart, SectionPart
 from rfea_vision.campaign.tubes import (
     modulus_of,
     of_moduli,
@@ -19,7 +21,7 @@ from rfea_vision.campaign.tubes import (
     of_width,
     weight_moment,
 )
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 from tests.cli.console import rfea
 
 from .campaigns import write_campaign
@@ -150,3 +152,11 @@ def test_a_square_in_cm_makes_a_tube_that_no_picture_shows(square_mm, told):
     corners = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
     said = of_square(square_mm * corners, 48.6 * corners, (1280, 720), TUBE)
     assert bool(said) == told and ("is the square right" in said) == told
+
+
+def test_of_a_thin_tube_whose_bore_is_not_given_that_is_said():
+    """It was said that a bore which nobody gave must be smaller."""
+    part = ActuatorPart.model_validate({"outer_radius": "2 mm"})
+    with pytest.raises(InputError, match=r"is missing: that of the paper's tube, 3 mm, is no smaller than .*, 2 mm; give"):
+        resolve_actuator(part)
+    assert resolve_actuator(part.model_copy(update={"section": SectionPart(kind="rod")})).outer_radius == 0.002

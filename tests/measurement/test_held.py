@@ -50,7 +50,7 @@ def carried(k: int, *, rests: bool = False, things=()) -> np.ndarray:
     return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
 
 
-def film(folder: Path, pictures: list[np.ndarray]):
+def film(folder: Path, pictures: list[np.ndarray], gravity_deg: float | None = 0.0):
     folder.mkdir()
     for k, picture in enumerate(pictures):
         cv2.imwrite(str(folder / f"{k:02d}.png"), picture)
@@ -59,7 +59,7 @@ def film(folder: Path, pictures: list[np.ndarray]):
     hints = Hints(clamp=((150.0, 48.0), (150.0, 72.0)), tip=tip, centre_line=points)
     actuator = Actuator(outer_radius=HALF / 1e3, inner_radius=HALF / 2e3, length=0.11)
     calibration = scaled_by_distance(SIZE, [[10, 10], [110, 10]], 100.0)
-    return track_frames(open_frames(folder, None, 20.0), calibration, actuator, hints=hints, vertical="image")
+    return track_frames(open_frames(folder, None, 20.0), calibration, actuator, hints=hints, vertical="image", gravity_deg=gravity_deg)
 
 
 def test_a_body_that_is_carried_about_is_measured_from_where_it_is_held(tmp_path):
@@ -69,7 +69,7 @@ def test_a_body_that_is_carried_about_is_measured_from_where_it_is_held(tmp_path
     assert track.valid.mean() >= 0.95
     assert np.sqrt(np.nanmean(np.sum(off**2, axis=1))) < 0.02 * np.ptp(tip, axis=0).max()
     assert np.nanmean(np.abs(off) < 1.96 * track.dataset["tip_sigma"].values) > 0.9
-    assert "is carried about" in track.dataset.attrs["advice"]
+    assert "is carried about" in track.dataset.attrs["advice"] and "gravity is taken to pull" in track.dataset.attrs["advice"]
     shown = in_frame(track, (LINES[-1][[-1]] + 0.0), FRAMES - 1)  # where the film shows the end
     true = LINES[-1][-1] @ pose_of(FRAMES - 1)[:, :2].T + pose_of(FRAMES - 1)[:, 2]
     assert np.linalg.norm(shown[0] - true) < 2.0
@@ -78,7 +78,8 @@ def test_a_body_that_is_carried_about_is_measured_from_where_it_is_held(tmp_path
 def test_where_what_holds_it_is_hidden_nothing_is_measured(tmp_path):
     hidden = {14, 15, 16}
     pictures = [carried(k, things=[((150, 40, 300, 200), (150, 170, 210))] if k in hidden else ()) for k in range(FRAMES)]
-    track = film(tmp_path / "frames", pictures)
+    track = film(tmp_path / "frames", pictures, gravity_deg=None)
+    assert "is carried about" in track.dataset.attrs["advice"] and "gravity" not in track.dataset.attrs["advice"]
     assert not track.valid[sorted(hidden)].any() and track.valid[22:].all()
 
 
