@@ -174,8 +174,8 @@ def preview(work: Runner, experiment: ExperimentSpec) -> Stored[Path]:
         from rfea_vision.vision import preview_video
 
         with whole_file(path) as temporary:
-            preview_video(open_source(video), tracked.value, calibration.value, temporary, progress=progress)
-        return path, [path], str(path)
+            slower = preview_video(open_source(video), tracked.value, calibration.value, temporary, progress=progress)
+        return path, [path], str(path) + (f", {slower:.2g} times slower than filmed" if slower > 1 else "")
 
     return work.run(
         Stage("preview", experiment.name, earlier=[work.cache.sha256(path.with_name("track.nc"))]),

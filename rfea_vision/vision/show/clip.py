@@ -23,9 +23,9 @@ from rfea_vision.vision.scene import matched_to
 
 PLAYBACK_HZ = 30
 KEY_FRAME_EVERY = 6  # frequent key frames, so that a page can jump anywhere
-MARGIN_MM = 14.0
+MARGIN_MM, MARGIN_SHARE = 14.0, 0.25  # around what the tube visits, and no more than this share of that: bodies of mm are filmed, too
 LONGEST_SIDE_PX = 400
-MOST_FRAMES = 900
+LEAST_FRAMES, MOST_FRAMES = 60, 900
 
 
 def rig_to_plane(track: Track, rig_mm: FloatArray) -> FloatArray:
@@ -118,17 +118,20 @@ def write_film(
 
 
 def clip_step(times: FloatArray) -> int:
-    """Take every so many frames: about 30 a second, and no more than 900 in all."""
+    """Take every so many frames: about 30 a second, no more than 900 in all, and of a fast film that is soon over no fewer than 60."""
     if len(times) < 2:
         return 1
     rate = 1.0 / max(float(np.median(np.diff(times))), 1e-6)
-    return max(1, round(rate / PLAYBACK_HZ), int(np.ceil(len(times) / MOST_FRAMES)))
+    step = min(round(rate / PLAYBACK_HZ), len(times) // LEAST_FRAMES)
+    return max(1, step, int(np.ceil(len(times) / MOST_FRAMES)))
 
 
 def clip_box(track: Track) -> dict[str, Any]:
     """Part of the rig plane that the tube visits, with a margin, and the clip's scale and size (even, in px)."""
     midline = track.dataset["midline"].values[track.valid].reshape(-1, 2)
-    low, high = np.nanmin(midline, axis=0) - MARGIN_MM, np.nanmax(midline, axis=0) + MARGIN_MM
+    low, high = np.nanmin(midline, axis=0), np.nanmax(midline, axis=0)
+    margin_mm = min(MARGIN_MM, MARGIN_SHARE * float(np.max(high - low)))
+    low, high = low - margin_mm, high + margin_mm
     scale = min(LONGEST_SIDE_PX / float(np.max(high - low)), float(track.dataset.attrs.get("px_per_mm", 4.0)))
     width, height = (int(2 * np.ceil(side * scale / 2)) for side in high - low)
     return {"x_min_mm": float(low[0]), "y_max_mm": float(high[1]), "px_per_mm": scale, "width": width, "height": height}

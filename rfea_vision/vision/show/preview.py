@@ -26,10 +26,16 @@ def preview_video(
     *,
     every: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> None:
+) -> float:
     """Write the frames with centre line, edges and tip drawn on them; rejected frames carry their reason, and where the tube was last.
 
-    In the film's colours and at its pace. `every` takes each so-many-th frame; by default about thirty a second.
+    In the film's colours and at its pace. `every` takes each so-many-th frame; by default about thirty a second, and more of a fast
+    film that is over too soon to be seen, which then runs slower than it was filmed.
+
+    Returns
+    -------
+    float
+        How many times slower it runs, 1 for a film at its pace.
     """
     camera = camera_vector(matched_to(calibration, source))
     data = track.dataset
@@ -59,5 +65,8 @@ def preview_video(
             if progress is not None:
                 progress(number + 1, len(valid))
 
-    pace_Hz = 1.0 / max(float(np.median(np.diff(track.time_s[::step]))), 1e-3) if len(valid) > step else PLAYBACK_HZ
-    write_film(out_mp4, pictures(), (width, height), crf=24, rate_Hz=pace_Hz)
+    filmed_Hz = 1.0 / max(float(np.median(np.diff(track.time_s[::step]))), 1e-6) if len(valid) > step else PLAYBACK_HZ
+    # thirty a second, rounded to whole frames, are no more than this
+    shown_Hz = PLAYBACK_HZ if filmed_Hz > 1.5 * PLAYBACK_HZ else filmed_Hz
+    write_film(out_mp4, pictures(), (width, height), crf=24, rate_Hz=shown_Hz)
+    return filmed_Hz / shown_Hz
