@@ -415,3 +415,14 @@ def test_budgets(chromium: Browser, page: Path) -> None:
             s.value = i; s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame); }} }})()""")
         each.append((worked() - before) / 20)
     assert min(each) < 0.016, each  # sixty pictures a second
+
+
+@pytest.mark.parametrize(("px_per_mm", "label", "px"), [(2.0, "50 mm", 100), (20.0, "10 mm", 200), (100.0, "2 mm", 200), (900.0, "0.2 mm", 180)])
+def test_the_ruler_fits_the_picture_of_a_small_body(opened, px_per_mm, label, px):
+    """It was 50 mm long before a larva of 4 mm, too."""
+    ruler = re.search(r"function rulerOf.*?\n}", static("stage.js"), re.DOTALL)
+    assert ruler is not None
+    script = f"""(() => {{ const drawn = [], c = {{fillRect: (...at) => drawn.push(at), fillText: text => drawn.push(text)}};
+        const lastView = {{corner: {{u: 0, v: 0}}}}, colours = () => ({{font: "serif"}}); {ruler[0]}
+        rulerOf(c, 700, 400, {px_per_mm}); return [drawn[2], drawn[1][2]]; }})()"""
+    assert opened.run(script) == [label, pytest.approx(px)]

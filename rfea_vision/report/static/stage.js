@@ -180,10 +180,13 @@ function drawLens(c, width, height, perMm, tip, k) {
   c.restore(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.strokeStyle = colours().paper; c.lineWidth = 3; c.stroke(); c.strokeStyle = colours().muted; c.lineWidth = 1; c.stroke();
 }
 
+// 50 mm, or the next round length that is no longer than a third of the picture.
 function rulerOf(c, width, height, perMm) {
-  const {u, v} = lastView.corner, x = u < 0.5 && v > 0.5 ? width - 14 - 50 * perMm : 14, y = height - 14;
-  c.fillStyle = "rgb(255 255 255 / .8)"; c.fillRect(x - 6, y - 20, 50 * perMm + 12, 27);
-  c.fillStyle = "#1c1e22"; c.fillRect(x, y, 50 * perMm, 2); c.font = `11px ${colours().font}`; c.textAlign = "left"; c.fillText("50 mm", x, y - 5);
+  let mm = 50;
+  for (let k = 0; mm * perMm > width / 3; k++) mm /= k % 3 === 0 ? 2.5 : 2;
+  const long = mm * perMm, {u, v} = lastView.corner, x = u < 0.5 && v > 0.5 ? width - 14 - long : 14, y = height - 14;
+  c.fillStyle = "rgb(255 255 255 / .8)"; c.fillRect(x - 6, y - 20, long + 12, 27);
+  c.fillStyle = "#1c1e22"; c.fillRect(x, y, long, 2); c.font = `11px ${colours().font}`; c.textAlign = "left"; c.fillText(`${+mm.toPrecision(1)} mm`, x, y - 5);
 }
 
 // Playing moves the cursor in real time; the film follows by seeking, so that line and picture never part.
