@@ -94,7 +94,8 @@ def batch_command(
         def heard(result: BatchResult) -> None:
             page.add(result)
             advance(len(page.rows), len(folders))
-            listener.note(f"{result.folder}: {result.status}")
+            why = [f"{name}: {sentence}" for name, sentence in result.errors.items()]
+            listener.note("; ".join([f"{result.folder}: {result.status}", *why]))
 
         results = run_batch(
             folders, client=client, recipe=recipe, out=out, force=force, trust=trusted(),

@@ -250,14 +250,14 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress:
     model = make_model(problem.actuator, options, problem.mirror)
     had = {effect.id for effect in previous.model.effects}
     starts = _starts_of(effect for effect in model.effects if effect.id not in had)
-    if farthest(problem.train, previous.solution, problem.actuator.length) > BENT:
-        starts += [{**stiff_start(problem, previous), **start} for start in starts]
+    # The base may have absorbed what an effect does, as its damping a lag, or be bent out of shape: a second base has done neither.
+    starts += [{**stiff_start(problem, previous), **start} for start in starts]
     best: Fitted | None = None
     waterfall = []
     for index, start in enumerate(starts):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
         try:
-            trial = _tried(problem, options, {**previous.values, **start}, previous, 15 if len(starts) > 1 else 30)
+            trial = _tried(problem, options, {**previous.values, **start}, previous, 15 if len(starts) > 2 else 30)
         except DataError:
             waterfall.append(_attempt(label, None))
             continue

@@ -149,6 +149,20 @@ def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campai
     assert absent and all(text.startswith(("variable_mass.a ", "coulomb.tau_c ")) for text in absent)
 
 
+def test_an_effect_that_the_base_had_absorbed_is_found(tmp_path):
+    """A damper of the base stands for a lag as well: begun from it, the lag ended at nothing, with thirty times the squared error."""
+    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    from rfea_vision.stages import open_campaign
+    from rfea_vision.twin import TwinOptions, simulate
+
+    twin = TwinOptions(roles=("train", "train"), duration_s=3.0, rate_Hz=120, seed=5, hidden={"pressure_lag.T": 0.1}, sync="motion")
+    simulate(tmp_path / "late", twin)
+    work = open_campaign(tmp_path / "late")
+    options = replace(OPTIONS, segments=4, effects=("pressure_lag",))
+    model = fit_model(work.recordings("train"), work.campaign.actuator, options)
+    assert model.parameters["pressure_lag.T"].value == pytest.approx(0.1, rel=0.02)
+
+
 def test_an_interval_wider_than_what_physics_allows_is_none():
     """`coulomb.w` stood as 9.99975 with a standard error of 12130, and no word on it."""
     assert _unknown_from(9.99975, 0.001, 10.0) < 12130 and _unknown_from(0.001, -1.0, 1.0) > 0.01
