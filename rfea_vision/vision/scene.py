@@ -72,7 +72,7 @@ def make_scene(
     if not np.isfinite(px_per_mm):
         raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
     down = turned(down_direction(camera, vertical, middle), gravity_deg, actuator.bends)
-    return Scene(camera, actuator, down, px_per_mm, hints)
+    return Scene(camera, actuator, down, px_per_mm, hints, gravity_deg=gravity_deg)
 
 
 def down_direction(camera: FloatArray, vertical: Vertical, middle_px: FloatArray) -> FloatArray:

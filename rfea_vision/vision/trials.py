@@ -27,10 +27,7 @@ from rfea_vision.vision.light import levelled
 
 PHONE_HZ, MOST_LOOKED = 30.0, 240  # hints are tried at this rate, on so many frames: eight seconds, and as many to wait
 MOST_TRIED = 8  # lines: those whose ends edges tell, of the first frame, and of what changes; most are given up after three frames
-_UPSIDE_DOWN = (
-    ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
-    "it stands, write rig: {gravity: up}"
-)
+_TO_LEFT = {0: "down", 90: "left", 180: "up", 270: "right"}  # where gravity points, by degrees from down towards the picture's left
 
 
 class Trial(NamedTuple):
@@ -148,7 +145,7 @@ def _suggested(trials: Trials) -> Iterator[tuple[Hints, str]]:
             across = half_px * np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
             one, other, tip = np.round([line[0] + across, line[0] - across, line[-1]], 1)
             foot, leads = unproject(scene.camera, np.array([line[0], line[0] + ahead]))
-            remark = _UPSIDE_DOWN if (leads - foot) @ scene.down < 0.0 else ""
+            remark = _other_way(scene) if (leads - foot) @ scene.down < 0.0 else ""
             hints = replace(unhinted.hints, clamp=(pixel(one), pixel(other)), tip=pixel(tip))
             yield hints, f"camera.clamp: [{in_words(one)}, {in_words(other)}] and camera.tip: {in_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
@@ -160,6 +157,21 @@ def _suggested(trials: Trials) -> Iterator[tuple[Hints, str]]:
             yield hints, f"camera.centre_line: [{', '.join(map(in_words, points))}]"
     else:  # one that was pointed at in another order, or beside the body, leads astray
         yield replace(scene.hints, centre_line=()), "camera.clamp and camera.tip alone, without camera.centre_line"
+
+
+def _other_way(scene: Scene) -> str:
+    """That a line leads the other way than the tube does as the rig is said to stand, in words."""
+    if scene.gravity_deg == 0.0:
+        return (
+            ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a "
+            "turn), if it stands, write rig: {gravity: up}"
+        )
+    turned = (scene.gravity_deg + 180.0) % 360.0
+    gravity = _TO_LEFT.get(round(turned * scene.actuator.mirror) % 360, f"{{angle: {turned:g} deg}}")
+    return (
+        f", by which the tube leads the other way than rig.gravity says: write rig: {{gravity: {gravity}}}, or is the film turned by "
+        "half a turn?"
+    )
 
 
 def pixel(point: FloatArray) -> tuple[float, float]:

@@ -11,8 +11,10 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.find.begin import Scene
 from rfea_vision.vision.find.locate import Path
 from rfea_vision.vision.find.moving import Motion, moving_lines
+from rfea_vision.vision.trials import _other_way
 
 FOOT, LENGTH, WIDE, HEIGHT = np.array([120.0, 60.0]), 120.0, 240, 260
 
@@ -47,6 +49,17 @@ def filmed(request, tmp_path_factory):
         cv2.imwrite(str(folder / f"{number:03d}.png"), picture[::-1] if request.param else picture)
     line = middle_of(bends[0])
     return folder, np.column_stack([line[:, 0], HEIGHT - 1 - line[:, 1]]) if request.param else line, request.param
+
+
+@pytest.mark.parametrize(
+    ("bends", "gravity_deg", "said"),
+    [("left", 0.0, "{gravity: up}"), ("left", 180.0, "{gravity: down}"), ("left", 90.0, "{gravity: right}"),
+     ("right", 90.0, "{gravity: left}"), ("right", -90.0, "{gravity: right}"), ("left", 30.0, "{gravity: {angle: 210 deg}}")],
+)  # fmt: skip
+def test_a_tube_that_leads_the_other_way_is_told_by_how_the_rig_is_said_to_stand(bends, gravity_deg, said):
+    """One that lies, and leads to the other side than was written, was told to write that it stands."""
+    scene = Scene(np.zeros(0), Actuator(bends=bends), np.array([0.0, -1.0]), 1.0, gravity_deg=gravity_deg)
+    assert f"write rig: {said}" in _other_way(scene)
 
 
 def test_a_film_without_hints_is_told_those_of_what_moves(filmed):
