@@ -88,6 +88,11 @@ def dimension_of(unit: str) -> object:
     return _registry().Unit(unit).dimensionality
 
 
+def si_factor(unit: str) -> float:
+    """Return how many of the SI unit one of `unit` is: 1 of ``N*m``, 1e-6 of ``1/MPa``."""
+    return float(_registry().Quantity(1.0, unit).to_base_units().magnitude)
+
+
 def conversion_factor(unit: str, to: str) -> float:
     """Return the number by which a value in `unit` is multiplied to be in `to` (no offset units).
 

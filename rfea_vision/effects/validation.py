@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
+from math import isclose
 from typing import Any
 
 import sympy as sp
@@ -10,7 +11,7 @@ import sympy as sp
 from rfea_vision.effects.base import BASE_PARAMETERS, BASE_UNITS, HOOKS, Body, BodyInertia, BodyPlace, Effect, Joint
 from rfea_vision.effects.hooks import ARGUMENTS
 from rfea_vision.errors import InputError
-from rfea_vision.units import dimension_of
+from rfea_vision.units import dimension_of, si_factor
 
 Dimension = Any  # pint's UnitsContainer
 
@@ -124,6 +125,11 @@ def _declaration(effect: Effect) -> None:
             _dimension_of(spec.unit)
         except Exception as error:
             raise InputError(f"effect {effect.id}: parameter {name} has the unknown unit '{spec.unit}'") from error
+        if spec.unit != "1" and not isclose(factor := si_factor(spec.unit), 1.0):
+            raise InputError(
+                f"effect {effect.id}: parameter {name} has the unit '{spec.unit}', and laws reckon in SI: give it and its numbers in "
+                f"the SI unit, of which that is {factor:g}, and display='{spec.unit}' beside them"
+            )
         if not spec.lower < spec.upper or not spec.lower <= spec.start <= spec.upper:
             raise InputError(f"effect {effect.id}: parameter {name} needs lower <= start <= upper and lower < upper")
         if spec.absent is not None and not spec.lower <= spec.absent <= spec.upper:

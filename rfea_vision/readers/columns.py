@@ -30,6 +30,8 @@ _UNITS = {"ambient": "kPa", "scale": "m", "rate": "Hz"}
 
 #: How a moment is written: year, month, day; day, month, year with dots between them; or the time of the day alone.
 _WRITTEN = re.compile(r"(?:(?P<year>\d{4}-\d\d-\d\d)[ T]\d\d:\d\d|(?P<day>\d{1,2}\.\d{1,2}\.\d{4})\s+\d\d?:\d\d|\d\d?:\d\d:\d\d)")
+#: A time of the day by the clock of twelve hours.
+_HALF_DAY = re.compile(r"(\d\d?)(:\d\d:\d\d[.\d]*)\s*([ap])\.?m\.?$", re.IGNORECASE)
 
 # What loggers call their columns, in the languages of the labs that we know of.
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
@@ -130,7 +132,8 @@ def other_unit(table: Table, name: str, like: str, key: str, given: str | None) 
 
 
 def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:
-    """Moments, of dates and of text such as ``2026-03-01 14:05:30.25`` or ``1.3.2026 14:05:30,25``; None for anything else.
+    """Moments, of dates and of text such as ``2026-03-01 14:05:30.25``,
+    ``1.3.2026 14:05:30,25`` or ``2:05:30 PM``; None for anything else.
 
     Of the time of the day alone, ``14:05:30.25``, they lie on the first day of 1970 and, once past midnight, on those after it.
     """
@@ -139,6 +142,7 @@ def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:
     if not values.size or (found := _WRITTEN.match(str(values[0]).strip())) is None:
         return None
     text = pd.Series(values).astype(str).str.strip().str.replace(r"(:\d\d),(?=\d)", r"\1.", regex=True)
+    text = text.str.replace(_HALF_DAY, _of_twenty_four, regex=True)
     if found["day"]:
         text = text.str.replace(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})\s+", _from_dotted, regex=True)
     elif not found["year"]:
@@ -157,6 +161,10 @@ def _from_dotted(date: re.Match[str]) -> str:
     return f"{date[3]}-{int(date[2]):02d}-{int(date[1]):02d} "
 
 
+def _of_twenty_four(time: re.Match[str]) -> str:
+    return f"{int(time[1]) % 12 + 12 * (time[3].lower() == 'p'):02d}{time[2]}"
+
+
 def unread_clock(table: Table) -> str:
     """Why a column that tells the time of the day cannot be read, or is no clock that rises; empty where there is none."""
     for name, values in table.columns.items():
@@ -165,7 +173,7 @@ def unread_clock(table: Table) -> str:
                 in_unit(table, name, "s", "pressure.time")
             except InputError as error:
                 return str(error).removeprefix(f"{table.source}: ")
-            return f"column '{name}' is a clock that does not rise from row to row"
+            return f"column '{name}' is a clock that does not rise from row to row; export it with its fractions of a second, or in s"
     return ""
 
 

@@ -56,6 +56,7 @@ def test_the_catalogue_keeps_its_own_rules(name):
         ("'stiff'", "1", "stiff"),
         ("1 / 0", "1", "ZeroDivisionError"),
         ("stiffness * (1 + self.c)", "flurps", "flurps"),
+        ("stiffness * (1 + self.c * joint.pressure)", "1/MPa", "of which that is 1e-06, and display='1/MPa'"),
     ],
 )
 def test_a_faulty_law_is_named_in_one_sentence(tmp_path, law, unit, words):

@@ -186,7 +186,7 @@ def test_another_tools_midlines(shared_data):
         "time_s,pressure_kPa\n2026-03-01 14:05:30.0,100.5\n2026-03-01 14:05:30.1,110.25\n2026-03-01 14:05:30.2,98\n",
     ],
 )
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
 def test_numbers_as_people_elsewhere_write_them(tmp_path, text, encoding):
     (tmp_path / "log.csv").write_bytes(text.encode(encoding))
     log = read_pressure(PressureSpec(file=tmp_path / "log.csv"))

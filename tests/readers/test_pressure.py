@@ -247,8 +247,10 @@ def test_a_log_without_the_column_of_a_signal_is_told_what_can_be_done(channels,
         ["3.11.2026 14:03:11.500", "3.11.2026 14:03:12", "3.11.2026 14:03:12,25"],
         ["14:03:11.500", "14:03:12", "14:03:12,25"],
         ["23:59:59,5", "0:00:00", "00:00:00.25"],
+        ["11:59:59.5 AM", "12:00:00 PM", "12:00:00.25 p.m."],
+        ["2026-11-03 11:59:59.5 PM", "2026-11-04 12:00:00 AM", "2026-11-04 12:00:00.25 AM"],
     ],
-    ids=["decimal comma", "dots", "time of the day", "over midnight"],
+    ids=["decimal comma", "dots", "time of the day", "over midnight", "twelve hours", "twelve hours with a date"],
 )
 def test_clock_times_are_read_as_loggers_write_them(tmp_path, written):
     """Each was refused with the advice to export it otherwise."""

@@ -34,7 +34,7 @@ _UNIT_CELL = re.compile(r"^\s*[\[(]?\s*([^\d\s\[\]()]{1,8}|m/s\^?2)?\s*[\])]?\s*
 
 
 def decoded(path: Path) -> str:
-    """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe.
+    """Return the text: UTF-8, UTF-16 (of western letters without its mark, too), or the Windows code page of western Europe.
 
     Raises
     ------
@@ -47,7 +47,11 @@ def decoded(path: Path) -> str:
         raise InputError(f"{path}: is a workbook or an archive, whatever its name says; save the table as CSV")
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16")
-    if b"\0" in raw[:_HEAD_BYTES]:
+    head = raw[:_HEAD_BYTES]
+    for codec, high in (("utf-16-le", 1), ("utf-16-be", 0)):  # without its mark: of western letters every other byte is zero
+        if head and len(raw) % 2 == 0 and not any(head[high::2]) and all(head[1 - high :: 2]):
+            return raw.decode(codec)
+    if b"\0" in head:
         raise InputError(f"{path}: is no text, whatever its name says; unpack it, or export the table as CSV")
     try:
         return raw.decode("utf-8-sig")
