@@ -40,7 +40,7 @@ LEAST_WIDE_PX = 5.0  # films of bodies 2, 3 and 4 px wide were refused, such of 
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
-def next_hint(trials: Trials, reasons: list[str], *, scale_off: str = "", side_off: str = "") -> str:
+def next_hint(trials: Trials, reasons: list[str], *, scale_off: str = "", side_off: str = "", carried: int = 0) -> str:
     """Say which hint to give, and what it brought on the first frames where it could be tried.
 
     Where length and width are both off, one scale may be the cause of both, which no hint mends: that is said first. Where only the
@@ -51,13 +51,14 @@ def next_hint(trials: Trials, reasons: list[str], *, scale_off: str = "", side_o
     trials : of the film, with the hints that were given
     reasons : why each frame was refused, empty where it was measured
     scale_off, side_off : what the tube as measured says against the scale, and against its side, if anything
+    carried : the film is read up to this frame where what holds the tube is followed as it moves
     """
     scene = trials.scene
     if gone := _left_picture(reasons):  # no hint shows what is not in it
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
     if reasons and "camera.region or camera.exclude" in reasons[_first_lost(reasons)]:
         return "the tube goes where camera.region or camera.exclude forbid it: make the region larger, or the boxes smaller"
-    if moved := base_moved(trials.source, scene, reasons):
+    if moved := base_moved(trials.source, scene, reasons, carried):
         return moved
     commonest = Counter(filter(None, reasons)).most_common(1)
     of_scale = scale_off if commonest and commonest[0][0].startswith("width_off") else ""
@@ -122,14 +123,20 @@ def _left_picture(reasons: list[str]) -> int:
     return gone if 2 * gone > sum(bool(reason) for reason in reasons) else 0
 
 
-def _read_until(reasons: list[str]) -> str:
-    """Say up to where a film is read, `READ` of it, and what stands there; empty where it is not read from its beginning."""
+def read_from_start(reasons: list[str]) -> tuple[int, int]:
+    """The longest beginning of a film of which `READ` is read: how many frames, and how many of them were read."""
     good = np.cumsum([not reason or reason.startswith("duplicate") for reason in reasons])
     count = int(np.max(np.flatnonzero(good >= READ * np.arange(1, len(reasons) + 1)), initial=-1)) + 1
+    return count, int(good[count - 1]) if count else 0
+
+
+def _read_until(reasons: list[str]) -> str:
+    """Say up to where a film is read, `READ` of it, and what stands there; empty where it is not read from its beginning."""
+    count, good = read_from_start(reasons)
     if not BEGUN <= count < len(reasons):
         return ""
     return (
-        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what "
+        f"the hints fit the first {count} frames, of which {good} were read: cut the film to these, or see what "
         f"changes in frame {count} ({reasons[count]}) and {_point_again(count)}"
     )
 
@@ -221,8 +228,11 @@ def went_astray(follower: Follower | BodyFollower) -> str:
     )
 
 
-def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
-    """Say that what holds the tube has moved up to where frames were refused: no hint mends that. Empty where it rests."""
+def base_moved(source: FrameSource, scene: Scene, reasons: list[str], carried: int = 0) -> str:
+    """Say that what holds the tube has moved up to where frames were refused: no hint mends that. Empty where it rests.
+
+    Up to frame `carried` the film is read where what holds the tube is followed as it moves.
+    """
     if scene.clamp_px is None or _left_picture(reasons):
         return ""
     count = min(_first_lost(reasons) + TRIED, len(reasons))
@@ -239,6 +249,8 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
             turned = turn > max(BASE_TURNED, sure_turn)
             if held.seen and (turned or off > max(least_px, sure_px)):
                 cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
+                if carried > max(rests + 1, BEGUN):
+                    cut = f"its first {carried} frames, in which it is followed as it moves"
                 by = f"by some {np.rad2deg(turn):.0f} degrees" if turned else f"by {off / scale:.0f} px"
                 how = f"{'turned' if turned else 'moved'} in the picture, {by}"
                 return f"what holds the tube has {how} in frame {frame}: hold the base and the camera still, or cut the film to {cut}"

@@ -24,6 +24,7 @@ from rfea_vision.vision.advice import (
     marks_unseen,
     moves_elsewhere,
     next_hint,
+    read_from_start,
     scale_doubt,
     went_astray,
 )
@@ -108,11 +109,11 @@ def track_frames(
         raise InputError(f"{source.path}: camera.corrections: frame {late[0]} is not in the film, whose last is {last}; correct it")
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
-    follower, rows = _followed(source, scene, lamp, nodes, segments, progress)
+    follower, rows, carried_for = _followed(source, scene, lamp, nodes, segments, progress)
     first = follower.first_look if isinstance(follower, BodyFollower) and not follower.held else None
     trials = Trials(source, scene, len(rows), progress, first)
     if follower.start is None or rows.share < LEAST_SHARE:
-        raise DataError(f"{source.path}: {_why_lost(trials, calibration, vertical, follower, rows)}")
+        raise DataError(f"{source.path}: {_why_lost(trials, calibration, vertical, follower, rows, carried_for)}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
@@ -129,7 +130,7 @@ def track_frames(
     if told := _misplaced(trials, follower, rows) or end_like_wall(follower) or end_guessed(follower):
         said.append(told)
     elif rows.share < READ and not said:
-        said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
+        said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"]), carried=carried_for))
     said += [BY_ENDS] if follower.scene.by_ends else []
     if said:
         data.attrs["advice"] = "; ".join(said)
@@ -140,8 +141,12 @@ def track_frames(
 
 def _followed(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, nodes: int, segments: int, progress: Progress
-) -> tuple[Follower | BodyFollower, Rows]:
-    """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept."""
+) -> tuple[Follower | BodyFollower, Rows, int]:
+    """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept.
+
+    The third of what is returned is how many of the first frames are read where what holds the body is followed as it moves.
+    """
+    carried_for = 0
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
     unread, astray = _corrected_edges(rows, scene)
     if scene.is_pointed_at and (rows.share < READ or unread or astray):
@@ -149,6 +154,7 @@ def _followed(
         if seen.share < READ:
             if base_moved(source, scene, seen.reasons):
                 held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
+                carried_for, _ = read_from_start(held[1].reasons)
                 body, seen = max((body, seen), held, key=lambda way: way[1].good)
             elif scene.hints.centre_line:
                 by_ends = follow_body(source, replace(scene, by_ends=True), lamp, Rows(nodes, segments), progress)
@@ -159,7 +165,7 @@ def _followed(
             follower, rows = body, seen
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
-    return follower, rows
+    return follower, rows, carried_for
 
 
 def _corrected_edges(rows: Rows, scene: Scene) -> tuple[bool, bool]:
@@ -208,7 +214,7 @@ def _added(
 
 
 def _why_lost(
-    trials: Trials, calibration: Calibration, vertical: Vertical, follower: Follower | BodyFollower, rows: Rows
+    trials: Trials, calibration: Calibration, vertical: Vertical, follower: Follower | BodyFollower, rows: Rows, carried_for: int
 ) -> str:
     """How little of a film could be measured, the commonest reason, and what would help most."""
     scene, total = trials.scene, _frame_count(trials.source)
@@ -221,7 +227,7 @@ def _why_lost(
             side = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
     remedy = _misplaced(trials, follower, rows) or (end_like_wall(follower) if rows.good else "")
-    remedy = remedy or next_hint(trials, rows.reasons, scale_off=off, side_off=side)
+    remedy = remedy or next_hint(trials, rows.reasons, scale_off=off, side_off=side, carried=carried_for)
     return "; ".join(filter(None, [f"{measured} ({rows.commonest_reason})", marks_unseen(trials), remedy]))
 
 

@@ -113,7 +113,7 @@ def test_hints_beside_the_body_are_not_answered_with_light(hints, said):
 def test_a_line_in_the_wrong_order_is_tried_without(monkeypatch):
     """It was said to bend towards the camera."""
     film = film_of([drawn(number=k) for k in range(6)])
-    monkeypatch.setattr(advice, "base_moved", lambda source, scene, reasons: "")
+    monkeypatch.setattr(advice, "base_moved", lambda *_: "")
     scene = pointed_at(centre_line=((120.0, 160.0), (120.0, 80.0)))
     assert looked(drawn(), **{"centre_line": scene.hints.centre_line}).refusal
     said = advice.next_hint(Trials(film, scene, 6), ["no_fit: the line that fits is folded"] * 6)

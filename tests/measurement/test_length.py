@@ -98,7 +98,7 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
     """It says up to where it was read; whether that is so, the frames told."""
     monkeypatch.setattr(trials, "_suggested", lambda _: iter(()))
-    monkeypatch.setattr(advice, "base_moved", lambda source, scene, reasons: "")
+    monkeypatch.setattr(advice, "base_moved", lambda *_: "")
     monkeypatch.setattr(advice, "film_lacks", lambda _: "")
     given = Hints(clamp=((0.0, 0.0), (0.0, 0.0)), tip=(0.0, 0.0), centre_line=((1.0, 2.0), (3.0, 4.0)))
     film = Trials(NO_FILM, replace(UNHINTED, hints=given), 25)
@@ -147,6 +147,9 @@ def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
     said = advice.base_moved(source, scene, 30 * ["no_fit"])
     assert bool(re.fullmatch(f"what holds the tube has moved in the picture, by .* or cut the film to {cut}" if cut else "", said))
+    farther = advice.base_moved(source, scene, 30 * ["no_fit"], 28)  # of a larva it was 45 frames for 189
+    assert bool(farther) == bool(cut)
+    assert farther.endswith("cut the film to its first 28 frames, in which it is followed as it moves" if cut else "")
 
 
 def pointed_at(clamp: Any, tip: tuple[float, float]) -> Any:
