@@ -24,11 +24,12 @@ from rfea_vision.campaign.resolve import hints_of
 from rfea_vision.campaign.schema import ActuatorPart, CameraPart, ScalePart
 from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.readers.pictures import numbered_pictures, read_grey
-from rfea_vision.readers.video import FolderSource, FrameSource, Luma, open_video
+from rfea_vision.readers.video import FolderSource, FrameSource, Luma, open_frames, open_video
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 
 Floats = NDArray[np.float64]
 POINTED = Path(__file__).resolve().parents[1] / "benchmarks" / "real_films"
+PICTURES_HZ = 30.0  # of a folder of pictures, whatever it was filmed with
 CHANNEL = {"blue": 0, "green": 1, "red": 2}  # of BGR
 MARK_REACH = 1.5  # how far a mark is sought from where it was, in its own diameters
 MARK_SHARE = 0.5  # of the first frame's colour, what a pixel of the mark has at least
@@ -58,7 +59,8 @@ class FilmFile(_Described):
     `camera` and `actuator` have the keys of a campaign. `tips` are places in pixels by the number of the frame in the file, null
     where nobody can see the end, each known to `hand_px` (1 s.d.); where there is a `mark` its colour's middle stands for them.
     `middles` are places on the middle of the body, likewise, known as well across it: between its edges as a person saw them.
-    `stills` are the numbers of single pictures, in the order in which they are read, a second apart.
+    `stills` are the numbers of single pictures, in the order in which they are read, a second apart; without them all pictures of a
+    folder are a film.
     """
 
     source: Annotated[str, Field(pattern=r"^[\w.-]+/[\w.-]+$")]
@@ -141,7 +143,8 @@ class FilmFile(_Described):
         """The frames that are read."""
         if self.stills:
             return opened_stills(self.film(folder), self.stills)
-        whole, chosen = open_video(self.film(folder)), self.frames
+        film, chosen = self.film(folder), self.frames
+        whole = open_frames(film, None, PICTURES_HZ) if film.is_dir() else open_video(film)
         if chosen == FramesPart():
             return whole
         times = whole.times_s()[chosen.first : chosen.stop : chosen.step]

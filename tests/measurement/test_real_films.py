@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 from pydantic import ValidationError
 
-from testing.real_films import POINTED, Ends, FilmFile, mark_places, pointed_at, score
+from testing.real_films import POINTED, Ends, FilmFile, FramesPart, mark_places, pointed_at, score
 
 FILMS = pointed_at()
 
@@ -16,7 +17,7 @@ FILMS = pointed_at()
 def test_what_is_pointed_at_makes_sense(name: str):
     film = FILMS[name]
     calibration = film.calibration((1920, 1920))
-    assert calibration.quality["scale_stderr_percent"] < 10
+    assert calibration.quality["scale_stderr_percent"] < 15  # of one who points at 98 px in a picture that large
     clamp, tip = np.array(film.hints.clamp), np.array(film.hints.tip)
     length_px = np.linalg.norm(np.diff([clamp.mean(axis=0), *film.hints.centre_line, tip], axis=0), axis=1).sum()
     # Length and radius are guessed by the scale that is pointed at: they say how the body looks.
@@ -38,6 +39,16 @@ def test_frames_are_found_by_their_numbers_in_the_file():
     assert [every_third.row_of(number) for number in (9, 10, 11, 13, 19, 22)] == [None, 0, None, 1, 3, None]
     stills = FilmFile.model_validate({**content, "stills": [90, 8, 55]})
     assert [stills.row_of(number) for number in (90, 55, 9)] == [0, 2, None]
+
+
+def test_a_folder_of_pictures_is_a_film(tmp_path):
+    film = FILMS["startled_larva"]
+    folder = film.film(tmp_path)
+    folder.mkdir(parents=True)
+    for number in range(8, 12):
+        cv2.imwrite(str(folder / f"film_{number}.tif"), np.full((6, 8), number, np.uint8))
+    source = film.model_copy(update={"frames": FramesPart(first=1, stop=4, step=2)}).opened(tmp_path)
+    assert [int(picture[0, 0]) for _, picture in source.frames()] == [9, 11] and source.size == (8, 6)
 
 
 def test_another_hand_points_a_pixel_or_two_beside_what_is_kept():
