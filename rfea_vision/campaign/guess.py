@@ -13,7 +13,7 @@ import numpy as np
 from rfea_vision.campaign.tracked import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
-from rfea_vision.readers.columns import column, in_unit, said_unit, unread_clock, unread_pressure
+from rfea_vision.readers.columns import column, in_unit, said_unit, says_other_kind, unread_clock, unread_pressure
 from rfea_vision.readers.kinds.base import AXIS, Points, Table, points_of_columns
 from rfea_vision.readers.pictures import PICTURES
 from rfea_vision.readers.poses import turned_body
@@ -132,7 +132,7 @@ def _table(path: Path) -> FileGuess:
     if motion is None:
         pressures = {key.value for keys in each for key in keys if key.why != _BARE}
         rest = columns.measured([name for name in columns.numeric() if name not in pressures])
-        if len(rest) == 1:
+        if len(rest) == 1 and not says_other_kind(columns.table, rest[0], "deg"):
             motion = (*time, Key("angle", rest[0], _ALONE), *_angle_unit(columns.table, rest[0]))
     note = turned_body(columns.table)
     return FileGuess(path, what, each[0], each if len(each) > 1 else (), (file, *(motion or ())), actuator, note)

@@ -115,6 +115,11 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
     return None
 
 
+def says_other_kind(table: Table, name: str, like: str) -> bool:
+    """Whether a column names a unit, in brackets or in the file itself, but none of what `like` measures: ``T [°C]`` no angle."""
+    return said_unit(table, name, like) is None and bool(table.units.get(name) or re.search(r"[\[(][^\])]+[\])]", name))
+
+
 def unit_of(table: Table, name: str, default: str) -> str:
     """Return the unit that the file gives, or `default`; one that the file itself names for the column must fit."""
     return said_unit(table, name, default) or table.units.get(name) or default

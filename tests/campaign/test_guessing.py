@@ -173,6 +173,11 @@ def test_two_nameless_columns_are_an_angle_where_nothing_else_moves(tmp_path):
     np.testing.assert_allclose(read_track(run.track.file, spec=run.track.keys).dataset["bend_angle"], ANGLE_deg, atol=1e-6)
 
 
+def test_a_temperature_beside_the_pressure_is_no_angle(tmp_path):
+    pd.DataFrame({"time_s": TIME_S, "p [bar]": PRESSURE_kPa / 100, "T [°C]": 20 + TIME_S}).to_csv(tmp_path / "log.csv", index=False)
+    assert [key.name for key in look(tmp_path / "log.csv").motion] == ["file"]
+
+
 def test_numbers_without_a_header_are_asked_for_one(tmp_path):
     np.savetxt(tmp_path / "rig.txt", np.stack([TIME_S, PRESSURE_kPa, ANGLE_deg, PRESSURE_kPa], axis=1), delimiter="|")
     with pytest.raises(

@@ -1,6 +1,7 @@
 """One motion, written as every kind of file there is: each reader gives it back, and says in a sentence what it lacks."""
 
 import builtins
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from testing.written import (
     write_c3d,
     write_csv,
     write_dlc,
+    write_dlc_text,
     write_sleap,
 )
 
@@ -114,6 +116,15 @@ def test_a_file_that_is_not_what_its_name_says(tmp_path, ending):
     with pytest.raises(InputError) as caught:
         read_pressure(PressureSpec(file=file))
     assert str(caught.value).startswith(str(file)) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("separator", "point"), [(",", "."), (";", ",")])
+def test_a_table_of_deeplabcut_that_a_spreadsheet_saved_again_is_read(tmp_path, separator, point):
+    spec = write_dlc_text(tmp_path)
+    text = spec.file.read_text().replace(",", separator)
+    spec.file.write_bytes(re.sub(r"(?<=\d)\.(?=\d)", point, text).encode("utf-8-sig"))
+    track = read_track(spec.file, spec=spec.keys.model_copy(update={"points": ["clamp", "tip"]}))
+    np.testing.assert_allclose(track.dataset["tip"].values, TIP_mm, atol=1e-9)
 
 
 def test_no_code_in_a_file_is_run(tmp_path):

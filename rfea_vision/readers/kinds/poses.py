@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import pickle
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,26 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Points, Table, begins_with, has_members, hdf5, points_table
+from rfea_vision.readers.kinds.base import Kind, Points, Table, has_members, hdf5, points_table
+from rfea_vision.readers.kinds.text import decoded
 
 _DLC_COORDINATES = ("x", "y", "likelihood")
 
 
+def _is_dlc_text(path: Path) -> bool:
+    """Whether a table begins as DeepLabCut's; a spreadsheet that saved it again may have put a mark before it, and other separators."""
+    with path.open("rb") as stream:
+        return bool(re.match(rb"(\xef\xbb\xbf)?scorer[,;\t]", stream.read(16)))
+
+
 def read_dlc_text(path: Path) -> Table:
     """Read DeepLabCut's CSV: three rows of header, four where there are several animals."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
-    heads = [row for row in rows[:4] if row and row[0] in ("scorer", "individuals", "bodyparts", "coords")]
-    data = np.array([[float(cell) if cell else np.nan for cell in row[1:]] for row in rows[len(heads) :]])
+    text = decoded(path)
+    separator = text[len("scorer")]
+    rows = [row for row in csv.reader(text.splitlines(), delimiter=separator) if row]
+    heads = [row for row in rows[:4] if row[0] in ("scorer", "individuals", "bodyparts", "coords")]
+    point = {ord(","): "."} if separator != "," else {}
+    data = np.array([[float(cell.translate(point)) if cell else np.nan for cell in row[1:]] for row in rows[len(heads) :]])
     return _dlc(path, list(zip(*[row[1:] for row in heads], strict=True)), data)
 
 
@@ -168,7 +178,7 @@ def _text(value: object) -> str:
 
 
 KINDS = (
-    Kind("DeepLabCut", (".csv",), read_dlc_text, begins_with(b"scorer,")),
+    Kind("DeepLabCut", (".csv",), read_dlc_text, _is_dlc_text),
     Kind("DeepLabCut", (".h5", ".hdf5"), read_dlc, has_members("df_with_missing"), apart=True),
     Kind("SLEAP analysis", (".h5", ".hdf5"), read_sleap, has_members("tracks", "node_names"), apart=True),
     Kind("Tierpsy", (".h5", ".hdf5"), read_tierpsy, _is_tierpsy, apart=True),
