@@ -33,7 +33,10 @@ WINDOW_S = 0.06  # of the polynomial that differentiates twice: a quarter of a s
 
 @dataclass(frozen=True)
 class ResidualTorque:
-    """torque, sigma (frames, n) in N m at the frames of the observation; rate and angle of the joints beside them."""
+    """torque, sigma (frames, n) in N m at the frames of the observation; angle and rate of the joints beside them, as modelled.
+
+    Those of the measured motion hold the noise that the torque is made from, too: dampers turn it into a torque that goes with it.
+    """
 
     torque: FloatArray
     sigma: FloatArray
@@ -90,9 +93,7 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     # Error band: stiffness times the smoothed error of the joint angle.
     stiffness = float(par[0])
     sigma = stiffness * np.sqrt(spread[:, 1:] ** 2 + spread[:, :-1] ** 2) / np.sqrt(window / 3)
-    return ResidualTorque(
-        measured - modelled, sigma, np.diff(motion.phi + smooth[0], axis=1), np.diff(motion.rate + smooth[1], axis=1)
-    )
+    return ResidualTorque(measured - modelled, sigma, np.diff(motion.phi, axis=1), np.diff(motion.rate, axis=1))
 
 
 def _smoothed(time: FloatArray, gap: FloatArray) -> tuple[list[FloatArray], int]:

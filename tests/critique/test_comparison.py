@@ -11,10 +11,12 @@ import pytest
 from rfea_vision.artefacts.judgement import Comparison, ExperimentScore, Metrics
 from rfea_vision.critique.comparison import _by_segment, _sentences, _worst
 from rfea_vision.critique.phases import label_phases
-from rfea_vision.critique.torque import _smoothed
+from rfea_vision.critique.torque import _smoothed, all_residual_torques, summarise_torque
 from rfea_vision.errors import InputError
+from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.noise import white_noise_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
+from rfea_vision.options import FitOptions
 
 
 def test_phases_of_a_trapezium():
@@ -128,3 +130,11 @@ def test_a_table_has_its_own_keys_and_no_others(tmp_path):
     path.write_text(path.read_text(encoding="utf-8").replace("bias_mm", "bias"), encoding="utf-8")
     with pytest.raises(InputError, match=r"comparison.json: by_segment.0.bias.*with --force"):
         Comparison.load(path)
+
+
+def test_no_torque_of_noise_alone_goes_with_the_rate(campaign):
+    """Dampers turn the noise of a track into a torque that went with the rate of that same track, where nothing was missing."""
+    recordings, actuator = campaign()
+    model = fit_model(recordings, actuator, FitOptions(segments=5, starts=0))
+    torque = summarise_torque(list(all_residual_torques(model, recordings).values()))
+    assert torque["rms_mNm"] > 0 and max(row["score"] for row in torque["depends_on"]) < 0.03
