@@ -63,7 +63,8 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         record |= {"lt": pack.add(log_time[kept]), "lp": pack.add(pressure[kept])}
         record["p"] = pack.add(pressure[nearest(log_time, time[rows])])
     else:
-        record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
+        named = "name its log (`pressure: {file: pressure.csv}`) and run `rfea sync`"
+        record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: {named}."
     if (offsets := offsets_tried(data)) is not None:
         chosen_ms, error_ms = (1000 * float(data.attrs.get(key, 0.0)) for key in ("offset_s", "offset_stderr_s"))
         record["offsets"] = {"ms": pack.add(offsets[0]), "explained": pack.add(offsets[1]), "chosen": chosen_ms, "error": error_ms}

@@ -15,7 +15,7 @@ from rfea_vision.files import write_text
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import from_record, written
 from rfea_vision.progress import Progress
-from rfea_vision.stages import mechanics
+from rfea_vision.stages import measurement, mechanics
 from rfea_vision.stages.cache import StageRecord
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
@@ -27,9 +27,15 @@ _ARTEFACTS = (
 
 
 def report(work: Runner) -> Stored[Path]:
-    """Write the report of what there is; what is out of date is redone first; without a model the ladder is climbed."""
+    """Write the report of what there is; what is out of date is redone first; without a model the ladder is climbed.
+
+    Where no run has a pressure there is nothing to fit, and the page shows the motion alone.
+    """
     path = work.out / "report" / "index.html"
-    bring_up_to_date(work)
+    if work.active() and all(run.pressure.missing for run in work.active()):
+        work.each((), lambda run: measurement.track(work, run), "tracked")
+    else:
+        bring_up_to_date(work)
     files = sorted({file for pattern in _ARTEFACTS for file in work.out.glob(pattern) if file.is_file()})
 
     asked = commands(work)

@@ -37,3 +37,17 @@ def test_one_broken_run_does_not_keep_the_others_from_being_drawn(tmp_path, monk
     answer = rfea("track", campaign, "-e", "one", "-e", "two", "-e", "three", "--preview")
     assert answer.code == 2 and "(2 of 3 experiments were tracked; " in answer.err
     assert drawn == ["two", "three"]
+
+
+def test_runs_without_any_log_have_a_page_of_their_motion(tmp_path):
+    """A lab that films and logs nothing was told to name a pressure, and had no page."""
+    campaign = write_campaign(tmp_path / "c")
+    for file in campaign.glob("*/experiment.yaml"):
+        lines = file.read_text().splitlines(keepends=True)
+        file.write_text("".join(line for line in lines if not line.startswith(("pressure", "sync"))))
+    assert rfea("report", campaign).code == 0
+    page = (campaign / "rfea" / "report" / "index.html").read_text(encoding="utf-8")
+    assert "The motion is measured; no model has been fitted yet." in page and "/track.nc" in page
+    assert "legend" in page and "recording.nc" not in page.partition("Tables and figures")[2].partition("</section>")[0]
+    again = rfea("report", campaign)
+    assert again.code == 0 and "nothing changed" in again.out

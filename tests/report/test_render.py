@@ -170,6 +170,7 @@ def test_a_scale_without_a_board_is_told_as_such(copy: Path) -> None:
     text = words(page_of(copy))
     assert "by a scale from 155 mm over 272 px; lens and tilt of the camera are assumed" in text
     assert "was calibrated as" not in text and "What is assumed" in text and "photos cannot be judged" not in text
+    assert "Corners of the board" not in text and "Places of the board" not in text  # told to come from another tool
 
 
 def test_asks_nothing_of_the_network(small: Path) -> None:
