@@ -7,6 +7,7 @@ is right eight times in ten, and that takes many campaigns. Which seed hides wha
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -88,6 +89,10 @@ SHOWN_BY_TWIN = tuple(
 )
 
 
+#: Pressure (samples,) in the tube, of that at the sensor and the step (s) between samples.
+Felt = Callable[[FloatArray, float], FloatArray]
+
+
 @dataclass(frozen=True)
 class Case:
     """One campaign: its plant, its seed, what hides in it (by the plant's own names), and what each of its laws may be called."""
@@ -157,13 +162,13 @@ def of_twin(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tupl
     return out, () if name in OUTSIDE else (name,)
 
 
-def recordings_of(case: Case) -> tuple[dict[str, Recording], Actuator]:
-    """Make the campaign."""
+def recordings_of(case: Case, felt: Felt | None = None) -> tuple[dict[str, Recording], Actuator]:
+    """Make the campaign; a tube of the second plant may feel another pressure than the log has."""
     rng = np.random.default_rng([case.seed, 77])
     if case.plant == "twin":
         found, actuator = _by_twin(case)
     else:
-        found, actuator = _by_other(case, rng), Actuator()
+        found, actuator = _by_other(case, rng, felt), Actuator()
     if case.angle_only:
         found = {name: _angle_alone(r, rng) for name, r in found.items()}
     return found, actuator
@@ -194,7 +199,7 @@ def by_twin(options: TwinOptions) -> tuple[dict[str, Recording], Actuator]:
         return {name: Recording(r.dataset.load()) for name, r in found.items()}, options.actuator
 
 
-def _by_other(case: Case, rng: np.random.Generator) -> dict[str, Recording]:
+def _by_other(case: Case, rng: np.random.Generator, felt: Felt | None) -> dict[str, Recording]:
     tube = OtherTube(*(float(v) for v in rng.uniform(0.85, 1.2, 3)), case.hidden)
     step_s = 1e-3
     time_s = np.arange(0, DURATION_S + 0.3, step_s)
@@ -209,7 +214,7 @@ def _by_other(case: Case, rng: np.random.Generator) -> dict[str, Recording]:
             own = replace(tube, hidden=changed)
         pressure = programme(time_s, rng)
         every = round(1 / RATE_HZ / step_s)
-        phi = simulate(own, pressure, step_s, every)
+        phi = simulate(own, pressure if felt is None else felt(pressure, step_s), step_s, every)
         frame_s = time_s[::every][: phi.shape[0]]
         seen = frame_s < DURATION_S
         line = centre_line(phi[seen], FRACTIONS) * 1e3

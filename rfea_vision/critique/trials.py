@@ -168,8 +168,10 @@ class Trials:
             like, held = self._nearest(base, key)
             grids = [{}, *({n: v} for n, points in self._grids(key, start).items() for v in points[1:])]
             starts = [{**grid, **held, **start} for grid in grids]
-            if not self.bent and len(key - base.effects) == 1:  # the present model may have absorbed what one effect does
-                starts.append({**held, **self.stiff, **start})
+            alone = key - base.effects
+            # The present model may have absorbed what one effect does; where it is bent, all but other forms have begun afresh.
+            if len(alone) == 1 and (not self.bent or ":" in next(iter(alone))):
+                starts += [{**grid, **held, **self.stiff, **start} for grid in grids]
             if like is not base.fitted:  # a linear step from the present model tells nothing of amplitudes there
                 amplitudes = self._amplitudes(options)
                 starts.append({**{n: v for n, v in start.items() if n not in amplitudes}, **held})

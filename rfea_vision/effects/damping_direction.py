@@ -18,7 +18,7 @@ class DampingDirection(Effect):
     title = "Damping that differs on the way out and back"
     reference = "two dampers by the direction of the motion, as in the paper's eq. DamperCoefficient"
     shows = "the body comes back slower than it went out, or faster, and alike on both sides"
-    mistaken_for = "nonlinear_damping, maxwell"
+    mistaken_for = "nonlinear_damping, maxwell, pressure_lag (of a valve that drains more slowly than it fills)"
     split_by = "steps up and down of the same size and speed, to both sides"
     not_of = ("tube",)  # which has two dampers from the start
     parameters = {"a": EffectParameter("1", 0.0, -0.95, 0.95, 0.1, "out: 1 + a times the damping; back: 1 - a times")}

@@ -38,3 +38,31 @@ class TwiceLaggedPressure(PressureLag):
 
     def joint_pressure(self, joint: Joint, pressure: sp.Expr) -> sp.Expr:
         return self.p_tube
+
+
+class ValvedPressure(PressureLag):
+    """T p_tube' = p - p_tube while the tube fills, and T_drain in place of T while it drains: another valve, or vent, either way."""
+
+    form = "valve"
+    shows = "the tube follows rising and falling pressure alike slowly, or one more slowly than the other"
+    states = {"p_tube": "Pa"}
+    parameters = {
+        "T": EffectParameter("s", 0.0, 0.0, 20.0, 0.02, "time constant while it fills", display="ms", grid=(0.02, 0.2)),
+        "T_drain": EffectParameter("s", 0.0, 0.0, 20.0, 0.02, "time constant while it drains", display="ms", grid=(0.02, 0.2)),
+    }
+    #: Pressures so near to each other neither fill nor drain it; and what is left where T is 0, so that the law has no 0/0.
+    constants = {"width": ("Pa", 100.0), "follow": ("s", 0.0002)}
+
+    def line_time_constant(self) -> sp.Expr:
+        return sp.Integer(0)
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        above = joint.pressure - self.p_tube
+        fills = (1 + sp.tanh(above / self.width)) / 2
+        return {"p_tube": above / (self.T_drain + (self.T - self.T_drain) * fills + self.follow)}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {"p_tube": joint.pressure}
+
+    def joint_pressure(self, joint: Joint, pressure: sp.Expr) -> sp.Expr:
+        return self.p_tube

@@ -217,6 +217,24 @@ def test_a_line_of_second_order_is_two_of_the_first_in_series(actuator, publishe
     assert np.abs(found.phi - wanted).max() < 0.01 * np.abs(prompt - wanted).max()
 
 
+def test_a_line_with_a_valve_fills_and_drains_at_its_own_rates(actuator, published):
+    """Of a pressure that steps up and down again the tube feels two exponentials; with one rate it is a line of first order."""
+    chain, step_s, top = Chain.tube(actuator, 4), 1e-3, 5e4
+    frames = np.arange(0.02, 1.2, 0.01)
+    pressure = np.r_[np.zeros(20), np.full(600, top), np.zeros(600)]
+    time = step_s * np.arange(pressure.size)
+    fill_s, drain_s = 0.05, 0.2
+    rise = top * (1.0 - np.exp(-np.clip(time - 0.0195, 0.0, 0.6) / fill_s))
+    felt = rise * np.exp(-np.clip(time - 0.6195, 0.0, None) / drain_s)
+    excitation = Excitation(0.0, step_s, pressure)
+    valved = Model(chain, find_effects(["pressure_lag:valve"])).simulate(np.append(published, [fill_s, drain_s]), excitation, frames)
+    wanted, prompt = (Model(chain).simulate(published, replace(excitation, pressure=one), frames).phi for one in (felt, pressure))
+    assert np.abs(valved.phi - wanted).max() < 0.02 * np.abs(prompt - wanted).max()
+    even = Model(chain, find_effects(["pressure_lag:valve"])).simulate(np.append(published, [fill_s, fill_s]), excitation, frames)
+    first = Model(chain, find_effects(["pressure_lag"])).simulate(np.append(published, fill_s), excitation, frames)
+    assert np.abs(even.phi - first.phi).max() < 0.02 * np.abs(prompt - first.phi).max()
+
+
 def test_what_is_evaluated_once_a_run_costs_no_compiling(actuator):
     """Line, clamp and the order of effects change nothing that is compiled; every parameter stands under its name."""
     alone, lagged, turned = (
