@@ -47,6 +47,8 @@ def show_command(effect_id: str, options: CritiqueOptions, as_json: bool) -> Non
     if effect_id not in effects:
         from rfea_vision.effects.catalogue import meant
 
+        if effect_id.endswith(".py"):
+            raise InputError(f"effects: '{effect_id}' is a file; write 'rfea effects show ID --effect-file {effect_id}'")
         raise InputError(f"effects: '{effect_id}' is unknown; {meant(effect_id, effects)}")
     facts = {**_facts(effects[effect_id]), "latex": _typeset(effects[effect_id])}
     if as_json:

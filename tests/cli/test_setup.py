@@ -131,6 +131,7 @@ def test_what_was_not_asked_for_is_written_without_loading_the_laws():
         (["improve", "x", "--budget", "5 kg"], "not a unit of the right kind"),
         (["schema", "model"], "there are campaign.yaml"),
         (["effects", "show", "maxwel"], "did you mean 'maxwell'?"),
+        (["effects", "show", "mine.py"], "'rfea effects show ID --effect-file mine.py'"),
         (["run", "papre", "x"], "there are default, paper"),
         (["simulate", "x", "--hidden", "maxwell.k2=1"], "maxwell.k1"),
         (["simulate", "x", "--roles", "trian"], "use train, validate, test or ignore"),
