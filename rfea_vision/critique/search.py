@@ -241,11 +241,9 @@ class Search:
 
         One effect in another form may explain what two did: it is tried without each of the others, and, where the set leaves
         nothing, without those that it is said to be mistaken for. A smaller set is tried in its other forms, too, where an error of
-        its form alone could leave as much as it does. Where one effect leaves something, or none explains anything, every effect is,
-        alone.
+        its form alone could leave as much as it does. Where the best set leaves something, every effect is, alone.
         """
-        best = self.weigh()[0]
-        if len(best.added) <= 1 and self.structure(best.trial) >= STRUCTURE_FLOORS:
+        if self.structure(self.weigh()[0].trial) >= STRUCTURE_FLOORS:
             for effect in available(self.effects, set(map(plain, self.present.effects))):
                 self._in_other_forms(self.present, effect.id, ())
         for own in self.weigh()[0].added:
