@@ -79,7 +79,7 @@ def test_a_stretch_that_stands_out_is_told_by_the_floor_that_it_stands_out_of():
 
 
 def test_no_stretch_of_noise_alone_stands_out():
-    """Of seven frames in a quarter second, the 1.2 times of old was chance: at 30 frames per second one window in six."""
+    """Of seven frames in a quarter second, the 1.2 times of old was chance: at 30 frames per second one window in eight."""
     time, labels = np.arange(0, 60, 1 / 30), np.full(1800, "hold")
     noise = np.random.default_rng(4).standard_normal((1800, 2))
     square = np.sum(noise**2, axis=1, keepdims=True)
