@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 
 from rfea_vision import open_campaign
 from rfea_vision.arrays import FloatArray
@@ -21,6 +20,7 @@ from rfea_vision.twin import TwinOptions
 from rfea_vision.twin import simulate as simulate_twin
 from testing.claims import LAWS
 from testing.other_plant import OtherTube, centre_line, simulate
+from testing.recordings import recording_of
 
 NOISE_MM = 0.06
 #: Of each of the twin's effects: an amplitude that leaves about five noise floors, and the most that is tried.
@@ -223,8 +223,8 @@ def _by_other(case: Case, rng: np.random.Generator, felt: Felt | None) -> dict[s
             for k in range(1, noise.shape[0]):
                 noise[k] = 0.5 * noise[k - 1] + np.sqrt(0.75) * noise[k]
         noise[:, 0] = 0.0
-        out[f"run{index}"] = _recording(
-            f"run{index}", role, frame_s[seen], line + noise, phi[seen, -1], time_s, pressure
+        out[f"run{index}"] = recording_of(
+            f"run{index}", role, frame_s[seen], line + noise, phi[seen, -1], time_s, pressure, noise_mm=NOISE_MM
         )
     return out
 
@@ -249,40 +249,6 @@ def programme(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     for k in range(1, wanted.size):
         out[k] = out[k - 1] + np.clip(wanted[k] - out[k - 1], -step, step)
     return out
-
-
-def _recording(
-    name: str,
-    role: str,
-    frame_s: FloatArray,
-    line: FloatArray,
-    bend: FloatArray,
-    log_s: FloatArray,
-    pressure: FloatArray,
-) -> Recording:
-    frames, nodes = line.shape[:2]
-    dataset = xr.Dataset(
-        {
-            "valid": ("time", np.ones(frames, dtype=np.int8)),
-            "reason": ("time", np.full(frames, "", dtype=object)),
-            "midline": (("time", "node", "xy"), line),
-            "midline_sigma": (("time", "node"), np.full((frames, nodes), NOISE_MM)),
-            "tip": (("time", "xy"), line[:, -1]),
-            "tip_sigma": (("time", "xy"), np.full((frames, 2), NOISE_MM)),
-            "bend_angle": ("time", np.rad2deg(bend)),
-            "pressure": ("log_time", pressure / 1e3),
-        },
-        coords={"time": ("time", frame_s, {"units": "s"}), "log_time": ("log_time", log_s), "xy": ["x", "y"]},
-        attrs={
-            "experiment": name,
-            "role": role,
-            "bends": "left",
-            "sync_method": "offset",
-            "offset_s": 0.0,
-            "offset_stderr_s": 0.0,
-        },
-    )
-    return Recording(dataset)
 
 
 def _angle_alone(recording: Recording, rng: np.random.Generator) -> Recording:

@@ -32,25 +32,15 @@ PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every
 PLACES = 8  # parts of the tube, for its error along it: bars that can be read beside one another
 
 
-def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArray, FloatArray]:
-    """Squared error per frame and node in mm^2 (frames, nodes) and the nodes' place on the tube; the angle's in deg^2 if alone."""
-    scored = dataset["scored"].values.astype(bool)[:, None]
-    if "midline" in recording:
-        gap = recording["midline"].values - dataset["midline"].values
-        return np.where(scored, np.sum(gap**2, axis=2), np.nan), np.linspace(0, 1, gap.shape[1])
-    if "tip" in recording:
-        gap = recording["tip"].values - dataset["tip"].values
-        return np.where(scored, np.sum(gap**2, axis=1, keepdims=True), np.nan), np.ones(1)
-    gap = recording["bend_angle"].values - dataset["bend_angle"].values
-    return np.where(scored, gap[:, None] ** 2, np.nan), np.ones(1)
+def _gap(dataset: xr.Dataset, recording: xr.Dataset) -> FloatArray:
+    """Measured minus modelled (frames, nodes, 2) in mm of the centre line, of the tip alone (nodes 1), or (.., 1, 1) the angle in deg.
 
-
-def _white_noise(dataset: xr.Dataset, recording: xr.Dataset) -> float:
-    """Of the tip in mm, of the angle in deg if alone: as high frequencies of what a model leaves show it."""
+    NaN in frames that are not scored.
+    """
     seen = next(key for key in ("midline", "tip", "bend_angle") if key in recording)
     gap = recording[seen].values - dataset[seen].values
-    gap = gap[:, -1] if seen == "midline" else gap.reshape(len(gap), -1)
-    return white_noise_mm(np.where(dataset["scored"].values.astype(bool)[:, None], gap, np.nan))
+    gap = gap if seen == "midline" else gap.reshape(len(gap), 1, -1)
+    return np.where(dataset["scored"].values.astype(bool)[:, None, None], gap, np.nan)
 
 
 def _row_means(square: FloatArray) -> FloatArray:
@@ -153,7 +143,8 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
             continue
         dataset, recording = predictions[name], recordings[name]
         data = recording.dataset
-        square, sigma = _square_error(dataset, data)
+        gap = _gap(dataset, data)
+        square, sigma = np.sum(gap**2, axis=2), np.linspace(0, 1, gap.shape[1]) if gap.shape[1] > 1 else np.ones(1)
         time = data["time"].values
         pressure = np.interp(time, data["log_time"].values, data["pressure"].values)
         phase = label_phases(time, pressure, np.nan_to_num(dataset["bend_angle"].values.astype(float)))
@@ -171,7 +162,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
                     "frames": int(inside.sum()),
                 }
             )
-        noises.append(_white_noise(dataset, data))
+        noises.append(white_noise_mm(gap[:, -1]))
         where += _worst(name, time, square, sigma, phase, floor, noises[-1], unit)
         pressures.append(pressure)
         squares.append(per_frame)

@@ -55,7 +55,7 @@ def make_scene(
     vertical: Vertical,
     hints: Hints,
     size: tuple[int, int],
-    gravity_deg: float = 0.0,
+    gravity_deg: float | None = 0.0,
 ) -> Scene:
     """Gather what is known before the first frame."""
     camera = camera_vector(calibration)
@@ -71,7 +71,7 @@ def make_scene(
     px_per_mm = scale_at(camera, middle)
     if not np.isfinite(px_per_mm):
         raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
-    down = turned(down_direction(camera, vertical, middle), gravity_deg, actuator.bends)
+    down = turned(down_direction(camera, vertical, middle), gravity_deg or 0.0, actuator.bends)
     return Scene(camera, actuator, down, px_per_mm, hints, gravity_deg=gravity_deg)
 
 

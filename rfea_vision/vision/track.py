@@ -103,7 +103,7 @@ def track_frames(
         If no tube is found, or fewer than half of the frames could be measured, or what nobody pointed at rests and another tube moves.
     """
     calibration = matched_to(calibration, source)
-    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg or 0.0)
+    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
     last = _frame_count(source) - 1 if scene.hints.corrections else 0
     if late := [later.frame for later in scene.hints.corrections if later.frame > last]:
         raise InputError(f"{source.path}: camera.corrections: frame {late[0]} is not in the film, whose last is {last}; correct it")

@@ -160,7 +160,9 @@ def _suggested(trials: Trials) -> Iterator[tuple[Hints, str]]:
 
 
 def _other_way(scene: Scene) -> str:
-    """That a line leads the other way than the tube does as the rig is said to stand, in words."""
+    """That a line leads the other way than the tube does as the rig is said to stand, in words; empty where no gravity pulls."""
+    if scene.gravity_deg is None:
+        return ""
     if scene.gravity_deg == 0.0:
         return (
             ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a "

@@ -1,10 +1,7 @@
 """A valve that fills and drains at rates of its own: what one lag for both does not explain, one of each does."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.critique.diagnosis import judge
@@ -12,6 +9,7 @@ from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.problem import make_problem
 from rfea_vision.options import FitOptions
 from testing.other_plant import OtherTube, centre_line, simulate
+from testing.recordings import recording_of
 from testing.valves import behind_a_valve
 
 STEP_S, NOISE_MM = 2e-3, 0.06
@@ -29,20 +27,7 @@ def run(name: str, role: str, seed: int) -> Recording:
     time_s = log_s[::every][: len(phi)]
     line = 1e3 * centre_line(phi, np.linspace(0.0, 1.0, 5))
     line[:, 1:] += NOISE_MM * rng.standard_normal(line[:, 1:].shape)
-    frames, nodes = line.shape[:2]
-    variables: dict[str, Any] = {
-        "valid": ("time", np.ones(frames, dtype=np.int8)),
-        "reason": ("time", np.full(frames, "", dtype=object)),
-        "midline": (("time", "node", "xy"), line),
-        "midline_sigma": (("time", "node"), np.full((frames, nodes), NOISE_MM)),
-        "tip": (("time", "xy"), line[:, -1]),
-        "tip_sigma": (("time", "xy"), np.full((frames, 2), NOISE_MM)),
-        "bend_angle": ("time", np.rad2deg(phi[:, -1])),
-        "pressure": ("log_time", pressure / 1e3),
-    }
-    about = {"experiment": name, "role": role, "bends": "left", "sync_method": "common_clock", "offset_s": 0.0, "offset_stderr_s": 0.0}
-    coordinates = {"time": ("time", time_s, {"units": "s"}), "log_time": ("log_time", log_s), "xy": ["x", "y"]}
-    return Recording(xr.Dataset(variables, coords=coordinates, attrs=about))
+    return recording_of(name, role, time_s, line, phi[:, -1], log_s, pressure, noise_mm=NOISE_MM)
 
 
 def test_a_valve_is_named_as_the_line_and_leaves_nothing():

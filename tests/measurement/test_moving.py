@@ -1,6 +1,7 @@
 """What a film itself says of clamp and tip: a tube rests where it is held, and moves most at its tip."""
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -60,6 +61,7 @@ def test_a_tube_that_leads_the_other_way_is_told_by_how_the_rig_is_said_to_stand
     """One that lies, and leads to the other side than was written, was told to write that it stands."""
     scene = Scene(np.zeros(0), Actuator(bends=bends), np.array([0.0, -1.0]), 1.0, gravity_deg=gravity_deg)
     assert f"write rig: {said}" in _other_way(scene)
+    assert _other_way(replace(scene, gravity_deg=None)) == ""
 
 
 def test_a_film_without_hints_is_told_those_of_what_moves(filmed):

@@ -44,7 +44,8 @@ REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's 
 class Scene:
     """What is known before the first frame: camera, tube, hints, which way is down (plane frame), scale, and how the rig stands.
 
-    `down` is where the unloaded tube points; gravity lies `gravity_deg` from that, positive in the direction of the bend.
+    `down` is where the unloaded tube points; gravity lies `gravity_deg` from that, positive in the direction of the bend, or, None, is
+    none in the plane.
     Where it is sought `by_ends`, what was found passes the points between them as well, and is led by clamp and tip alone.
     """
 
@@ -54,7 +55,7 @@ class Scene:
     px_per_mm: float
     hints: Hints = field(default_factory=Hints)
     by_ends: bool = False
-    gravity_deg: float = 0.0
+    gravity_deg: float | None = 0.0
 
     @property
     def clamp_px(self) -> FloatArray | None:
