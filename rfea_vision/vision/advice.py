@@ -73,7 +73,7 @@ def next_hint(trials: Trials, reasons: list[str], *, scale_off: str = "", side_o
         return f"{side_off}; {said}" if side_off else _scale_first(reasons) + said
     if of_scale or side_off:
         return of_scale or side_off
-    if scene.is_pointed_at and (told := _read_until(reasons) or film_lacks(trials)):
+    if scene.is_pointed_at and (told := read_until(reasons) or film_lacks(trials)):
         return told  # no scale that is off loses a tube that it has let be read
     if scale_off:
         return scale_off
@@ -130,7 +130,7 @@ def read_from_start(reasons: list[str]) -> tuple[int, int]:
     return count, int(good[count - 1]) if count else 0
 
 
-def _read_until(reasons: list[str]) -> str:
+def read_until(reasons: list[str]) -> str:
     """Say up to where a film is read, `READ` of it, and what stands there; empty where it is not read from its beginning."""
     count, good = read_from_start(reasons)
     if not BEGUN <= count < len(reasons):
@@ -250,7 +250,7 @@ def base_moved(source: FrameSource, scene: Scene, reasons: list[str], carried: i
             if held.seen and (turned or off > max(least_px, sure_px)):
                 cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
                 if carried > max(rests + 1, BEGUN):
-                    cut = f"its first {carried} frames, in which it is followed as it moves"
+                    cut = f"its first {carried} frames, in which it is followed as it moves, or {_point_again(carried)}"
                 by = f"by some {np.rad2deg(turn):.0f} degrees" if turned else f"by {off / scale:.0f} px"
                 how = f"{'turned' if turned else 'moved'} in the picture, {by}"
                 return f"what holds the tube has {how} in frame {frame}: hold the base and the camera still, or cut the film to {cut}"

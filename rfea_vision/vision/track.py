@@ -25,6 +25,7 @@ from rfea_vision.vision.advice import (
     moves_elsewhere,
     next_hint,
     read_from_start,
+    read_until,
     scale_doubt,
     went_astray,
 )
@@ -127,10 +128,12 @@ def track_frames(
     carried = isinstance(follower, BodyFollower) and follower.held
     said = [CARRIED_ABOUT + ("" if gravity_deg is None else PULLED_ALIKE)] if carried else []
     said += [told] if (told := went_astray(follower)) else []
-    if told := _misplaced(trials, follower, rows) or end_like_wall(follower) or end_guessed(follower):
-        said.append(told)
-    elif rows.share < READ and not said:
-        said.append(next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"]), carried=carried_for))
+    told = _misplaced(trials, follower, rows) or end_like_wall(follower) or end_guessed(follower)
+    if not told and rows.share < READ and carried:
+        told = read_until(rows.reasons)
+    elif not told and rows.share < READ and not said:
+        told = next_hint(trials, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"]), carried=carried_for)
+    said += [told] if told else []
     said += [BY_ENDS] if follower.scene.by_ends else []
     if said:
         data.attrs["advice"] = "; ".join(said)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.artefacts import Actuator, Correction, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_frames
@@ -27,7 +27,7 @@ def pose_of(k: int) -> np.ndarray:
     return turned
 
 
-def carried(k: int, *, rests: bool = False, things=()) -> np.ndarray:
+def carried(k: int, *, rests: bool = False, things=(), screws=(200, 200, 200)) -> np.ndarray:
     """A picture of a block with screws, which holds the body before a wall that stays, and of `things` before it."""
     rng = np.random.default_rng(1)
     picture = np.full((*SIZE[::-1], 3), (60, 70, 66), np.uint8)
@@ -36,7 +36,7 @@ def carried(k: int, *, rests: bool = False, things=()) -> np.ndarray:
     seen, line = np.zeros((*SIZE[::-1], 4), np.uint8), LINES[k]
     cv2.rectangle(seen, (150, 24), (204, 96), (70, 60, 160, 255), -1)
     for x, y in ((162, 34), (190, 40), (170, 60), (192, 74), (164, 86)):
-        cv2.circle(seen, (x, y), 4, (200, 200, 200, 255), -1)
+        cv2.circle(seen, (x, y), 4, (*screws, 255), -1)
     heading = np.gradient(line, axis=0)
     normal = np.column_stack([-heading[:, 1], heading[:, 0]]) / np.linalg.norm(heading, axis=1, keepdims=True)
     outline = np.vstack([line + HALF * normal, (line - HALF * normal)[::-1]])
@@ -50,13 +50,13 @@ def carried(k: int, *, rests: bool = False, things=()) -> np.ndarray:
     return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
 
 
-def film(folder: Path, pictures: list[np.ndarray], gravity_deg: float | None = 0.0):
+def film(folder: Path, pictures: list[np.ndarray], gravity_deg: float | None = 0.0, corrections=()):
     folder.mkdir()
     for k, picture in enumerate(pictures):
         cv2.imwrite(str(folder / f"{k:02d}.png"), picture)
     points = tuple((float(x), float(y)) for x, y in LINES[0][[20, 44]])
     tip = (float(LINES[0][-1, 0]), float(LINES[0][-1, 1]))
-    hints = Hints(clamp=((150.0, 48.0), (150.0, 72.0)), tip=tip, centre_line=points)
+    hints = Hints(clamp=((150.0, 48.0), (150.0, 72.0)), tip=tip, centre_line=points, corrections=corrections)
     actuator = Actuator(outer_radius=HALF / 1e3, inner_radius=HALF / 2e3, length=0.11)
     calibration = scaled_by_distance(SIZE, [[10, 10], [110, 10]], 100.0)
     return track_frames(open_frames(folder, None, 20.0), calibration, actuator, hints=hints, vertical="image", gravity_deg=gravity_deg)
@@ -81,6 +81,21 @@ def test_where_what_holds_it_is_hidden_nothing_is_measured(tmp_path):
     track = film(tmp_path / "frames", pictures, gravity_deg=None)
     assert "is carried about" in track.dataset.attrs["advice"] and "gravity" not in track.dataset.attrs["advice"]
     assert not track.valid[sorted(hidden)].any() and track.valid[22:].all()
+
+
+@pytest.mark.parametrize("begins", [0, 12])
+def test_where_what_holds_it_looks_otherwise_one_points_at_the_body_again(tmp_path, begins):
+    """Its screws are taken out. From then on it is known by what is seen behind the first click, if that is at the clamp."""
+    changed = 20
+    pictures = [carried(k, screws=(200, 200, 200) if k < changed else (10, 10, 10)) for k in range(FRAMES)]
+    pose = pose_of(changed)
+    clicks = LINES[changed][np.linspace(begins, len(LINES[0]) - 1, 5).astype(int)] @ pose[:, :2].T + pose[:, 2]
+    corrections = (Correction(changed, tuple((float(x), float(y)) for x, y in np.round(clicks))),)
+    track = film(tmp_path / "frames", pictures, corrections=corrections)
+    off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1.0, -1.0] for line in LINES])
+    assert track.valid[:changed].all() and track.valid[changed:].all() == (begins == 0)
+    known = track.dataset["tip_sigma"].values[track.valid]
+    assert np.mean(np.abs(off[track.valid]) < 1.96 * known) > 0.9
 
 
 @pytest.mark.parametrize("marked", [True, False])

@@ -117,11 +117,18 @@ class BodyFollower:
         """The same frames, all of which are to be followed: from where they are seen is found as they are read, maybe in a thread."""
         before, view = np.empty(0, dtype=np.uint8), None
         with closing(frames):
-            for time_s, picture in frames:
-                if view is None or not written_twice(picture, before):
-                    before, view = picture, self._view.look(picture)
+            for frame, (time_s, picture) in enumerate(frames):
+                if view is None or frame in self.corrections or not written_twice(picture, before):
+                    before, view = picture, self._look(picture, frame)
                 self._views.append(view)
                 yield time_s, picture
+
+    def _look(self, picture: NDArray[np.uint8], frame: int) -> SeenFrom:
+        """From where the picture of a frame is seen."""
+        again = self.corrections.get(frame)
+        if again is None or isinstance(self._view, StillView):
+            return self._view.look(picture)
+        return self._view.look(picture, scaled(again, self.picture_scale))
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -133,7 +140,7 @@ class BodyFollower:
             copied = self.moved_px > MOVING_PX  # of a body at rest pictures may be alike, too
             self.good += not copied
             return "duplicate" if copied else ""
-        self.seen_from = view or self._view.look(picture)
+        self.seen_from = view or self._look(picture, self.frame)
         if not self.seen_from.seen:
             self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
             return self.refusal

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.begin import leaving
+from rfea_vision.vision.body.begin import POINTED_PX, POINTED_SHARE, leaving, smooth_line
 from rfea_vision.vision.body.levels import Level, sampled, sloping
 from rfea_vision.vision.body.wall import window_around
 
@@ -31,6 +32,7 @@ ALIKE, WELL_ALIKE = 0.7, 0.85
 # standard errors off these: all chosen, the second by how far views of drawn films (seen) were wrong with 0.002, 0.007 and 0.014.
 WALL_PX, WALL_TURN, RESTS_PX, RESTS_TURN, SURELY = 0.5, 0.004, 0.5, 0.01, 3.0
 TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
+AT_CLAMP = 0.5  # of the way between two clicks: so far beside the clamp the first of them may lie, and still stand for it
 
 
 class SeenFrom(NamedTuple):
@@ -55,10 +57,11 @@ class HeldView:
     """
 
     def __init__(self, clamp: FloatArray, line: FloatArray, half: float) -> None:
-        self._foot, self._half = clamp.mean(axis=0), half
+        self._foot, self._half, self._length = clamp.mean(axis=0), half, along(line)[-1]
         reach = np.arange(-round(AROUND * half), round(AROUND * half) + 1.0)
         places = np.stack(np.meshgrid(reach, reach), axis=2).reshape(-1, 2)
         inwards = leaving(clamp, line[:2])
+        self._inwards = np.arctan2(inwards[1], inwards[0])
         self._places = places[places @ inwards < 0.0]
         beside = self._places @ np.array([-inwards[1], inwards[0]])
         self._weight = np.exp(-0.5 * (beside / (AXIS * half)) ** 2)
@@ -67,13 +70,20 @@ class HeldView:
         self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
         self.seen, self._alike = True, 1.0  # in the last picture; correlation with the first one
         self._covariance = np.zeros((3, 3))
+        self._told = np.zeros((3, 3))  # covariance of the pose from which on it is followed: by clicks, where these told it anew
 
-    def look(self, picture: NDArray[np.uint8]) -> SeenFrom:
-        """See in a picture (h, w, 3) by how much what holds the body has moved and turned."""
-        self._look(picture)
+    def look(self, picture: NDArray[np.uint8], again: FloatArray | None = None) -> SeenFrom:
+        """See in a picture (h, w, 3) by how much what holds the body has moved and turned.
+
+        Where a person points at the body `again` in that picture, at places (n, 2) px from the clamp to the tip, it is sought there,
+        and where it looks like another thing by now, it is known by what is seen there from then on.
+        """
+        self._look(picture, None if again is None else self._pointed(again))
         return SeenFrom(self.moved, self.seen, self.stderr)
 
-    def _look(self, picture: NDArray[np.uint8]) -> None:
+    def _look(self, picture: NDArray[np.uint8], pointed: tuple[FloatArray, FloatArray] | None) -> None:
+        if pointed is not None:
+            self._pose, self._step, self._covariance = pointed[0], np.zeros(3), np.diag(pointed[1] ** 2)
         near = self._foot + self._pose[:2] + np.outer([0.0, 1.0], self._step[:2])
         window = window_around(picture.shape, near, LOOKED_AT * self._half)
         self._corner = np.array([window[1].start, window[0].start])
@@ -82,15 +92,33 @@ class HeldView:
         if self._first is None:
             self._first = [sampled(level, self._put(np.zeros(3))) for level in blurred]
             return
-        self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
+        if pointed is None:
+            self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
         pose, alike, covariance = self._aligned(blurred, self._pose + self._step)
-        if alike <= ALIKE:  # it has not gone on as it went
+        if alike <= ALIKE and pointed is None:  # it has not gone on as it went
             pose, alike, covariance = self._aligned(blurred, self._pose)
+        elif alike <= ALIKE:  # it has changed: what is seen there now is what it is known by from here on
+            self._first = [sampled(level, self._put(self._pose)) for level in blurred]
+            self._told, pose, alike, covariance = self._covariance, self._pose, 1.0, np.zeros((3, 3))
         self.seen, self._alike = alike > ALIKE, alike
         if self.seen:
             self._step, self._pose, self._covariance = pose - self._pose, pose, covariance
             turns = _turn(pose[2])
             self.moved = np.column_stack([turns, self._foot + pose[:2] - turns @ self._foot])
+
+    def _pointed(self, clicks: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """The pose (3,) and its standard errors by clicks (n, 2) px; None by fewer than three, or such as begin farther on the body.
+
+        How it leaves its clamp is known as well as two clicks say it, and to half of the angle between them and a curve through all.
+        """
+        ways = np.linalg.norm(np.diff(clicks, axis=0), axis=1)
+        if len(clicks) < 3 or self._length - ways.sum() > AT_CLAMP * ways.mean():
+            return None
+        known = float(np.hypot(POINTED_PX, POINTED_SHARE * self._half))
+        leaves, next_one = (np.arctan2(*(line[1] - line[0])[::-1]) for line in (smooth_line(clicks), clicks))
+        turn, bends = _wrapped(leaves - self._inwards - self._pose[2]), _wrapped(leaves - next_one)
+        pose = np.array([*(clicks[0] - self._foot), self._pose[2] + turn])
+        return pose, np.array([known, known, np.hypot(2.0 * known / ways[0], 0.5 * bends)])
 
     def off(self, view: FloatArray) -> tuple[float, float]:
         """How far the clamp is from where the `view` (2, 3) of the wall has it, px, and by how much it is turned from there, rad."""
@@ -113,7 +141,7 @@ class HeldView:
     @property
     def stderr(self) -> FloatArray:
         """Standard errors (3,) of where it is and how it is turned: px, px, rad."""
-        return np.sqrt(np.diag(self._covariance))
+        return np.sqrt(np.diag(self._covariance + self._told))
 
     def _put(self, pose: FloatArray) -> FloatArray:
         """Where (n, 2) px of what is looked at the places behind the clamp are."""
@@ -149,6 +177,11 @@ class HeldView:
 def _turn(angle: float) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle between -pi and pi."""
+    return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
 def _line(first: FloatArray, seen: FloatArray, weight: FloatArray) -> tuple[float, float]:

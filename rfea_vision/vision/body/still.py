@@ -50,12 +50,13 @@ class StillView:
         self._first: list[FloatArray] | None = None  # what the first picture shows at its steepest pixels, at each blur
         self._pose = np.zeros(4)  # px, px, radians and share, about the middle of the picture in which it is seen
         self._drifts = False
+        self._stderr = np.zeros(3)  # px, px and rad, of the pose: next to nothing by a wall, by a base as well as that is seen
         self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one, once that is believed
 
     def look(self, picture: NDArray[np.uint8]) -> SeenFrom:
         """See in a picture (h, w, 3) by how much the view has moved; a camera whose wall is not seen is taken to stay."""
         self._look(picture)
-        return SeenFrom(self.moved, True, np.zeros(3))
+        return SeenFrom(self.moved, True, self._stderr if self._drifts else np.zeros(3))
 
     def _look(self, picture: NDArray[np.uint8]) -> None:
         if self._first is None:
@@ -63,6 +64,7 @@ class StillView:
             if self._base is not None:
                 self._base.look(picture)
             return
+        self._stderr = np.zeros(3)
         parts = len(np.unique(self._part))
         if parts >= LEAST_PARTS:
             claimed = self._by_wall(picture)
@@ -82,7 +84,7 @@ class StillView:
         if self._base is not None and (self._drifts or claimed):
             self._base.look(picture)
             if self._base.elsewhere(self._map()):
-                self._pose = self._pose_of(self._base.moved)
+                self._pose, self._stderr = self._pose_of(self._base.moved), self._base.stderr
             elif self._base.rests():
                 self._pose = np.zeros(4)
         return claimed
@@ -94,7 +96,8 @@ class StillView:
         if base.elsewhere(np.eye(2, 3)):
             pose = self._pose_of(base.moved)
             moved, stays = self._parts_for(self._levels(picture), pose)
-            self._pose = pose if moved >= CLEARLY * stays else np.zeros(4)
+            if moved >= CLEARLY * stays:
+                self._pose, self._stderr = pose, base.stderr
         return bool(self._pose.any())
 
     def _begin(self, picture: NDArray[np.uint8]) -> None:
