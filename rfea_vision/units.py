@@ -113,6 +113,15 @@ def conversion_factor(unit: str, to: str) -> float:
     return float(_registry().Quantity(1.0, have).to(want).magnitude)
 
 
+def measures(unit: str, like: str) -> bool:
+    """Whether `unit` is one, and measures what `like` does."""
+    try:
+        conversion_factor(unit, like)
+    except ValueError:
+        return False
+    return True
+
+
 def split_quantity(value: object) -> tuple[float, str]:
     """Take ``30 g`` apart: number and unit, empty for a bare number.
 

@@ -32,6 +32,11 @@ def bend_sign(bends: str) -> float:
     return -1.0 if bends == "right" else 1.0
 
 
+#: m^2: the tension of a tendon is kept as a pressure on this area, of which 1 N is 100 kPa. The torque (tension times lever) is one
+#: on any area; on this one what arms of this size are pulled with (0.5 to 50 N) counts as what tubes are driven with.
+TENDON_AREA = 1e-5
+#: kPa that stand for 1 N of it.
+TENSION_kPa = 1e-3 / TENDON_AREA
 #: Roles of the runs that are looked at while a model is chosen: looked at before the end, a test run would prove nothing.
 CHOOSING_ROLES = ("train", "validate")
 #: What the attribute ``sigma_source`` says of a track that came without standard errors.
@@ -44,7 +49,8 @@ class Actuator:
 
     The radii default to 4 and 3 mm: the 8 and 6 mm that the paper prints are diameters (see docs/physics.md). Of a beam,
     `outer_radius` is half its thickness in the plane of motion, and pi `inner_radius`^2 the area on which a pressure acts.
-    `mass_per_length` stands in place of the densities, `material` is a name such as PDMS.
+    `mass_per_length` stands in place of the densities, `material` is a name such as PDMS. Where a tendon pulls, `tendon` is its
+    distance from the middle, and pi `inner_radius`^2 the area by which its tension is kept as a pressure (`TENDON_AREA`).
     """
 
     outer_radius: float = 0.004
@@ -59,11 +65,12 @@ class Actuator:
     second_moment: float | None = None
     mass_per_length: float | None = None
     material: str = ""
+    tendon: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind == "tube" and not 0 < self.inner_radius < self.outer_radius:
             raise InputError("actuator.inner_radius must be positive and smaller than actuator.outer_radius")
-        for key in ("outer_radius", "inner_radius", "length", "density", "fluid_density", "width", "area", "second_moment"):
+        for key in ("outer_radius", "inner_radius", "length", "density", "fluid_density", "width", "area", "second_moment", "tendon"):
             if not (getattr(self, key) is None or getattr(self, key) > 0):
                 raise InputError(f"actuator.{key} must be positive")
         if self.mass_per_length is not None and not self.mass_per_length > 0:

@@ -13,6 +13,7 @@ from pathlib import Path
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
 from rfea_vision.campaign.template import CAMERA_EXAMPLES, RIG_EXAMPLE, campaign_name, write_new
+from rfea_vision.campaign.tension import OF_A_TUBE
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 from rfea_vision.yaml_line import flow
@@ -199,7 +200,7 @@ class _Draft:
 
     def campaign(self, runs: Sequence[RunFiles], pictures: Sequence[Path]) -> str:
         """campaign.yaml of the runs, with the camera of their films."""
-        said = {key.name: key for run in runs for key in run.motion.actuator}
+        said = {key.name: key for run in runs for item in (run.log, run.motion) if item is not None for key in item.actuator}
         paper = "that of the paper's tube; measure yours"
         keys = [
             Key("outer_radius", "4 mm", paper),
@@ -209,6 +210,8 @@ class _Draft:
             Key("fluid_density", "1000 kg/m^3", "that of water"),
             said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
         ]
+        if "section" in said:
+            keys = [*(key for key in keys if key.name not in OF_A_TUBE), said["section"]]
         text = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
         text += f"format: rfea-campaign/1\nname: {flow(campaign_name(self.folder))}\n"
         text += "actuator:\n" + self._lines(keys, "actuator")

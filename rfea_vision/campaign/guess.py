@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rfea_vision.campaign.tension import TENDON, TENDON_WHY, tension_of
 from rfea_vision.campaign.tracked import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
@@ -120,6 +121,8 @@ def _table(path: Path) -> FileGuess:
     time = _time(columns)
     motion, actuator = _motion(columns, time)
     pressure = _pressure(columns, time, _moved(columns, motion))
+    if pulled := _pulled(columns, time, pressure):
+        pressure, actuator = pulled, (*actuator, Key("section", TENDON, TENDON_WHY))
     if pressure is None and motion is None:
         bare = "c1" in columns.table.columns  # of a file without a header
         if unread := (not time and unread_clock(columns.table)) or unread_pressure(columns.table):
@@ -224,6 +227,17 @@ def _pressure(
     if name == "pressure_kPa" and not others:
         return ((*time, *_column(table, name, ambient)),)
     return ((*time, Key("pressure", name, "" if name == "pressure_kPa" else why), *_column(table, name, ambient)),)
+
+
+def _pulled(
+    columns: _Columns, time: tuple[Key, ...], pressure: tuple[tuple[Key, ...], ...] | None
+) -> tuple[tuple[Key, ...], ...] | None:
+    """How the tension of a tendon is read, where nothing but its being alone makes another column a `pressure`; None without one."""
+    told = pressure is not None and not any(key.why == _BARE for keys in pressure for key in keys)
+    measured = columns.measured(columns.numeric())
+    there = time or "time_s" in columns.table.columns
+    found = None if told or not there else tension_of(columns.table, measured, columns.called(measured, column_words()["tension"]))
+    return None if found is None else ((*time, Key("pressure", *found)),)
 
 
 def _column(table: Table, name: str, ambient: list[str], beside: Sequence[str] = ()) -> tuple[Key, ...]:

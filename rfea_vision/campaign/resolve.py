@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from math import pi
+from typing import Any
 
 from rfea_vision.artefacts import Actuator, Correction, Hints
+from rfea_vision.artefacts.measurement import TENDON_AREA
 from rfea_vision.calibration.board import Board
 from rfea_vision.campaign.finding import Files, Finder, Folders
 from rfea_vision.campaign.problems import FileProblem
@@ -144,11 +146,13 @@ def resolve_experiment(
     if camera is None and not problems and video is not None:
         lacks = "is missing" if parsed.camera is None else f"does not tell how long a pixel of '{name}' is"
         finder.complain("camera", f"{lacks}; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}")
-    pressure = _pressures(parsed.pressure, finder)
-    section = None if parsed.actuator is None else parsed.actuator.section
-    if section is not None and section.kind != "tube" and section.chamber_area is None and pressure.acts:
+    section = (None if parsed.actuator is None else parsed.actuator.section) or SectionPart()
+    pressure = _pressures(parsed.pressure, finder, tendon=section.tendon is not None)
+    if section.kind != "tube" and section.chamber_area is None and section.tendon is None and pressure.acts:
         finder.complain(
-            "actuator.section.chamber_area", "is missing; a pressure acts on it, for example 'chamber_area: 60 mm^2'"
+            "actuator.section.chamber_area",
+            "is missing; a pressure acts on it, for example 'chamber_area: 60 mm^2'. Where a tendon pulls and its tension is logged, "
+            "write its distance from the middle, 'tendon: 8 mm'",
         )
     rig = _rig(parsed, actuator, finder)
     experiment = ExperimentSpec(
@@ -205,7 +209,7 @@ def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, T
 
 #: What has no meaning for a body of this kind.
 _UNUSED = {
-    "tube": {"section.chamber_area", "section.thickness", "section.width"},
+    "tube": {"section.chamber_area", "section.tendon", "section.thickness", "section.width"},
     "rod": {"inner_radius", "section.thickness", "section.width"},
     "rectangle": {"inner_radius", "outer_radius"},
     "custom": {"inner_radius", "section.thickness", "section.width"},
@@ -234,13 +238,16 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
         raise InputError("actuator.mass stands beside actuator.mass_per_length; keep one of the two")
     if part.mass is not None:
         values["mass_per_length"] = part.mass / part.length
+    if section.tendon is not None and section.chamber_area is not None:
+        raise InputError("actuator.section.tendon stands beside actuator.section.chamber_area; keep that of what acts")
     if section.kind == "rectangle":
         if section.thickness is None:
             raise InputError("actuator.section.thickness is missing; that in the plane of motion, for example '30 mm'")
         values["outer_radius"] = section.thickness / 2
     if section.kind != "tube":
-        values["inner_radius"] = ((section.chamber_area or 0.0) / pi) ** 0.5 or values["outer_radius"] / 2
-    more = {"kind": section.kind, "width": section.width, "area": section.area, "second_moment": section.second_moment}
+        area = section.chamber_area or (0.0 if section.tendon is None else TENDON_AREA)
+        values["inner_radius"] = (area / pi) ** 0.5 or values["outer_radius"] / 2
+    more: dict[str, Any] = section.model_dump(include={"kind", "width", "area", "second_moment", "tendon"})
     return Actuator(**values, **more, material=part.material or "")
 
 
@@ -279,12 +286,12 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: Finder) -> RigSpec:
     return RigSpec(gravity, plumb, start is not None, until, pulled, known)
 
 
-def _pressures(given: PressurePart | list[PressurePart] | None, finder: Finder) -> PressureSpec:
-    """Return the one pressure, or those of all chambers."""
+def _pressures(given: PressurePart | list[PressurePart] | None, finder: Finder, *, tendon: bool) -> PressureSpec:
+    """Return the one pressure, or those of all chambers; of tendons their tensions."""
     if given is None:
         return PressureSpec(folder=finder.folders[0])
     if isinstance(given, PressurePart):
-        return _pressure(given, finder)
+        return replace(_pressure(given, finder), tendon=tendon)
     names = [part.chamber for part in given]
     if None in names or len(set(names)) < len(names):
         finder.complain("pressure", "each of several needs the name of its chamber, such as 'chamber: left'")
@@ -293,7 +300,7 @@ def _pressures(given: PressurePart | list[PressurePart] | None, finder: Finder) 
         finder.complain(
             "pressure.chamber", f"'{odd}' must begin with a letter and have no . @ or = in it, such as 'left'"
         )
-    first, *further = (_pressure(part, finder) for part in given)
+    first, *further = (replace(_pressure(part, finder), tendon=tendon) for part in given)
     return replace(first, further=tuple(further))
 
 

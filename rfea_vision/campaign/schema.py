@@ -88,7 +88,8 @@ class SectionPart(_Part):
     """What is bent: a tube about its inextensible side, or a beam about its middle.
 
     A rod has its `outer_radius` from the actuator; a rectangle a `width` and a `thickness` (in the plane of motion); a custom
-    section what is known of it. `chamber_area` is that on which a pressure acts, in a beam that has a chamber.
+    section what is known of it. `chamber_area` is that on which a pressure acts, in a beam that has a chamber; where a tendon pulls,
+    `tendon` is its distance from the middle, and what is logged is its tension.
     """
 
     kind: Literal["tube", "rod", "rectangle", "custom"] = "tube"
@@ -97,6 +98,7 @@ class SectionPart(_Part):
     area: Area | None = None
     second_moment: SecondMoment | None = None
     chamber_area: Area | None = None
+    tendon: Length | None = None
 
 
 class RigAnglePart(_Part):
@@ -263,7 +265,7 @@ class PressurePart(_Part):
 
     `ambient` is a pressure or the name of a column; without `reference`, a unit such as ``psia`` or ``bar(g)`` says it.
     `value` alone is a run at constant pressure, without a log. Each of several has the name of its `chamber`, and a `sign`,
-    -1 where it bends against the direction of `actuator.bends`.
+    -1 where it bends against the direction of `actuator.bends`. Of a tendon (`actuator.section`) the log is its tension, a force.
     """
 
     chamber: Text | None = None
@@ -274,7 +276,7 @@ class PressurePart(_Part):
     query: str | None = None
     time: Text | None = None
     pressure: Text | None = None
-    unit: Annotated[str | None, unit_of("kPa")] = None
+    unit: Annotated[str | None, unit_of("kPa", "N")] = None
     time_unit: Annotated[str | None, unit_of("s")] = None
     reference: Literal["gauge", "absolute"] | None = None
     ambient: Ambient = 101.325

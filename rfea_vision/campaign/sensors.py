@@ -57,8 +57,8 @@ def of_pauses(time_s: FloatArray) -> list[str]:
     return [f"has no row {where}, and a straight line stands in for the pressure there; did the logger pause? Cut the run there"]
 
 
-def of_standstill(pressure_kPa: FloatArray) -> list[str]:
-    """Doubt a pressure (samples,) that stands at exactly one value, row after row, where elsewhere it is noisy.
+def of_standstill(pressure_kPa: FloatArray, unit: str = "kPa") -> list[str]:
+    """Doubt a pressure (samples,), or a force, that stands at exactly one value, row after row, where elsewhere it is noisy.
 
     Zero and the lowest value count where the pressure leaps there and back alone: at rest many sensors end there, which does no harm.
     """
@@ -83,12 +83,12 @@ def of_standstill(pressure_kPa: FloatArray) -> list[str]:
     at = pressure_kPa[begins[stands]]
     if np.all(at == high):
         return [
-            f"stands at exactly {high:.6g} kPa, the highest of the log, in {rows} of {len(pressure_kPa)} rows, and elsewhere scatters "
-            f"by {noise:.2g} kPa; does the sensor's or the logger's range end there? The tube felt more than that"
+            f"stands at exactly {high:.6g} {unit}, the highest of the log, in {rows} of {len(pressure_kPa)} rows, and elsewhere "
+            f"scatters by {noise:.2g} {unit}; does the sensor's or the logger's range end there? The tube felt more than that"
         ]
     longest = int(np.argmax(np.where(stands, lasts, 0)))
     return [
-        f"stands at exactly {pressure_kPa[begins[longest]]:.6g} kPa for {lasts[longest]} rows, from row {begins[longest] + 1} on, and "
-        f"elsewhere scatters by {noise:.2g} kPa; did the sensor or the logger hang, or a plug come off? Take the run anew, or cut it "
-        "before that"
+        f"stands at exactly {pressure_kPa[begins[longest]]:.6g} {unit} for {lasts[longest]} rows, from row {begins[longest] + 1} on, "
+        f"and elsewhere scatters by {noise:.2g} {unit}; did the sensor or the logger hang, or a plug come off? Take the run anew, or "
+        "cut it before that"
     ]

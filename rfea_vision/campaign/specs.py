@@ -80,13 +80,14 @@ class PressureSpec:
     """A pressure log in a file or behind a database URL, or a constant pressure, and the keys that say how to read it.
 
     Of several chambers this is the first one, and `further` are the others: what bends is the sum of all pressures, each times
-    its sign. Names of databases are looked up from `folder`.
+    its sign. Names of databases are looked up from `folder`. `tendon`: the log is the tension of one, a force.
     """
 
     file: Path | None = None
     keys: PressurePart = field(default_factory=PressurePart)
     folder: Path = Path()
     further: tuple[PressureSpec, ...] = ()
+    tendon: bool = False
 
     @property
     def name(self) -> str:

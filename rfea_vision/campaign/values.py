@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from rfea_vision.units import conversion_factor, parse_moment, parse_quantity, pressure_unit
+from rfea_vision.units import conversion_factor, measures, parse_moment, parse_quantity, pressure_unit
 
 
 def quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
@@ -48,12 +48,14 @@ def _pressure_or_column(value: object) -> object:
     return parse_quantity(value, "kPa", example="101.3 kPa")
 
 
-def unit_of(kind: str) -> BeforeValidator:
-    """Return the validator that refuses a unit which does not convert to that of its `kind`."""
+def unit_of(kind: str, *others: str) -> BeforeValidator:
+    """Return the validator that refuses a unit which does not convert to that of its `kind`, nor of the `others`."""
 
     def check(value: object) -> object:
         if isinstance(value, str):
-            conversion_factor(pressure_unit(value)[0] if kind == "kPa" else value, kind)
+            bare = pressure_unit(value)[0] if kind == "kPa" else value
+            if not any(measures(bare, other) for other in others):
+                conversion_factor(bare, kind)
         return value
 
     return BeforeValidator(check)

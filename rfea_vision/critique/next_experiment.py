@@ -10,6 +10,7 @@ import xarray as xr
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import NextExperiment
+from rfea_vision.artefacts.measurement import TENSION_kPa
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
@@ -110,7 +111,7 @@ class _Design:
     amplitude: float = 1.0
     pace: float = 1.0
 
-    def words(self, pressure: FloatArray) -> str:
+    def words(self, pressure: FloatArray, *, tension: bool) -> str:
         how = (
             ""
             if self.pace == 1
@@ -119,6 +120,8 @@ class _Design:
             else f", {1 / self.pace:.2g} times as slow"
         )
         low, high = float(pressure.min()) / 1e3, float(pressure.max()) / 1e3
+        if tension:  # of a tendon that only pulls
+            return f"{self.shape}{how} (up to {rounded(high / TENSION_kPa, 2)} N, {pressure.size * STEP_S:.3g} s)"
         reach = (
             f"up to {high:.0f}"
             if low >= -0.5
@@ -178,11 +181,13 @@ def design_next(
     pressure = shaped(shapes[best.shape], best.amplitude, best.pace, rate)
     what = "tips" if unit == "mm" else "angles"
     decides = told[best] >= floor
-    sentence = f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict"
+    tension = problem.actuator.tendon is not None
+    said = best.words(pressure, tension=tension)
+    sentence = f"Run {said}: there {names[0]} and {names[1]}, as fitted now, predict"
     if not decides:
         sentence = (
             f"No run within the pressures and slopes of this rig tells {names[0]} from {names[1]} for sure: where they part most, "
-            f"by {best.words(pressure)}, they predict, as fitted now,"
+            f"by {said}, they predict, as fitted now,"
         )
     beside = f"{'beside' if decides else 'less than'} a noise floor of {rounded(floor)} {unit}"
     sentence += f" {what} {rounded(told[best])} {unit} RMS apart, {beside}."
@@ -191,5 +196,7 @@ def design_next(
         {"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})},
         coords={"log_time": np.arange(pressure.size) * STEP_S},
     )
+    if tension:
+        dataset["tension"] = ("log_time", pressure / 1e3 / TENSION_kPa, {"units": "N"})
     planned = {"for": list(names[:2]), "pressure": file, "sentence": sentence, "decides": decides}
     return NextExperiment.model_validate(planned), dataset

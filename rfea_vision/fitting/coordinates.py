@@ -95,12 +95,14 @@ def largest_bend(items: Sequence[Observed]) -> float:
 def base_reference(actuator: Actuator, segments: int) -> FloatArray:
     """The paper's 8-DoF table (7,) in SI for this number of segments, scaled to this tube's length and radius.
 
-    Of a beam, the stiffness of rubber of 1 MPa with damping as the paper's tube has it; nothing follows a bore.
+    Of a beam, the stiffness of rubber of 1 MPa with damping as the paper's tube has it; nothing follows a bore. A tendon's lever is its
+    distance from the middle.
     """
     if actuator.kind != "tube":
         table = PUBLISHED["8-DoF"].vector()
         k = BEAM_MODULUS * stiffness_per_modulus(actuator, segments)
-        return np.array([k, 0.0, k * table[2] / table[0], 0.0, k * table[2] / table[0], 0.0, actuator.outer_radius])
+        lever = actuator.tendon or actuator.outer_radius
+        return np.array([k, 0.0, k * table[2] / table[0], 0.0, k * table[2] / table[0], 0.0, lever])
     reference = PUBLISHED["8-DoF"].vector()
     standard = Actuator()
     size = (actuator.outer_radius / standard.outer_radius) ** 3 * (standard.length / actuator.length)
@@ -219,9 +221,10 @@ def build(
         elif k == 6:
             column = np.zeros(len(names))
             column[6] = reference[6]
-            # for another tube the bounds widen, they do not move
-            size = actuator.outer_radius / Actuator().outer_radius
-            low, high = own or (R_HYD_BOUNDS[0] * min(size, 1.0), R_HYD_BOUNDS[1] * max(size, 1.0))
+            # for another tube the bounds widen, they do not move; a tendon's lever was measured, and lies a quarter to both sides
+            size = (actuator.tendon or actuator.outer_radius) / Actuator().outer_radius
+            narrow, wide = (size, size) if actuator.tendon else (min(size, 1.0), max(size, 1.0))
+            low, high = own or (R_HYD_BOUNDS[0] * narrow, R_HYD_BOUNDS[1] * wide)
             axes.append(_Axis(column, low / reference[6], high / reference[6]))
         else:
             axes.append(_effect_axis(model, k, own))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Table, listed
-from rfea_vision.units import conversion_factor, counted, pressure_unit
+from rfea_vision.units import conversion_factor, counted, measures, pressure_unit
 from rfea_vision.yaml_line import flow
 
 if TYPE_CHECKING:
@@ -37,18 +37,22 @@ _HALF_DAY = re.compile(r"(\d\d?)(:\d\d:\d\d[.\d]*)\s*([ap])\.?m\.?$", re.IGNOREC
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
 _PRESSURE_WORDS = re.compile(r"press|druck|pression|presi|paine|^p\d*$|^p\d*[ _(\[]", re.IGNORECASE)
 _AIR_WORDS = re.compile(r"ambi|atm|baro|umgebung|luft", re.IGNORECASE)
+_FORCE_WORDS = re.compile(r"force|tension|tendon|kraft|zug|effort|fuerza|forza|kracht|voima|load|^f\d*$|^f\d*[ _(\[]", re.IGNORECASE)
 _ANGLE_WORDS = re.compile(r"ang[luo]|winkel|bend|theta|^phi", re.IGNORECASE)
 #: By the key that names a column: the unit it is in, one that it is not in, and its words.
 _MEANT = {
     "time": ("s", "kPa", _TIME_WORDS),
     "pressure": ("kPa", "s", _PRESSURE_WORDS),
+    "tension": ("N", "s", _FORCE_WORDS),
     "ambient": ("kPa", "s", _AIR_WORDS),
     "angle": ("deg", "s", _ANGLE_WORDS),
 }
 
 
-def column(table: Table, name: str, key: str, given: Mapping[str, object] | None = None) -> str:
+def column(table: Table, name: str, key: str, given: Mapping[str, object] | None = None, *, like: str | None = None) -> str:
     """Return `name` if there is such a column; `given` are the keys beside `key`, as they are written.
+
+    `like` is what it holds where that is not what the key is called by.
 
     Raises
     ------
@@ -59,7 +63,7 @@ def column(table: Table, name: str, key: str, given: Mapping[str, object] | None
         return name
     parent, part = key.split(".")
     given = given or {}
-    meant = meant_column(table, name, part, [value for other, value in given.items() if other != part])
+    meant = meant_column(table, name, like or part, [value for other, value in given.items() if other != part])
     keys = flow({**given, part: meant or "NAME"})
     line = f"'- {keys}' in the list '{parent}'" if "chamber" in given else f"'{parent}: {keys}'"
     remedy = f"write {line}" if meant else f"say which one it is with {line}"
@@ -118,6 +122,23 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
 def says_other_kind(table: Table, name: str, like: str) -> bool:
     """Whether a column names a unit, in brackets or in the file itself, but none of what `like` measures: ``T [°C]`` no angle."""
     return said_unit(table, name, like) is None and bool(table.units.get(name) or re.search(r"[\[(][^\])]+[\])]", name))
+
+
+def refuse_other_kind(table: Table, name: str, key: str, remedies: Mapping[str, str]) -> None:
+    """Refuse a column whose name has in brackets a unit that measures what one of `remedies` does: a force is no pressure.
+
+    A single letter in round brackets may as well name a chamber: ``p (A)``.
+
+    Raises
+    ------
+    InputError
+        With the remedy for that kind.
+    """
+    found = re.search(r"\[\s*([^\]]+?)\s*\]|\(\s*([^)]{2,}?|N)\s*\)", name)
+    unit = (found[1] or found[2]) if found else ""
+    for kind, remedy in remedies.items():
+        if unit and measures(pressure_unit(unit)[0], kind):
+            raise InputError(f"{table.source}: {key}: the column '{name}' is in {unit} by its own head, which is {remedy}")
 
 
 def unit_of(table: Table, name: str, default: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts.measurement import TENSION_kPa
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import (
     as_written,
@@ -17,6 +18,7 @@ from rfea_vision.readers.columns import (
     in_unit,
     meant_column,
     other_unit,
+    refuse_other_kind,
     refuse_rows,
     said_unit,
     unit_of,
@@ -35,9 +37,24 @@ if TYPE_CHECKING:
 _SET_BACK_S, _NEAR_S = {86400.0: "passes midnight", 43200.0: "passes midnight", 3600.0: "goes from summer to winter time"}, 60.0
 
 
+#: Where no unit is said: a voltage, or a current, is no measurement before the sensor's scale has made it one.
+_RAW = "what a sensor gives out; convert it by the sensor's scale first"
+_NO_PRESSURE = {
+    "N": "a force and no pressure; where a tendon pulls, write its distance from the middle in campaign.yaml: "
+    "'actuator: {section: {kind: rod, tendon: 8 mm}}'",
+    "V": _RAW,
+    "A": _RAW,
+}
+_NO_TENSION = {
+    "kPa": "a pressure, where actuator.section.tendon says that the log is a force; name the column of the force, or take tendon out",
+    "V": _RAW,
+    "A": _RAW,
+}
+
+
 @dataclass(frozen=True)
 class PressureLog:
-    """Gauge pressure over the log's own clock.
+    """Gauge pressure over the log's own clock; of a tendon its tension, each newton of it as `TENSION_kPa`.
 
     Attributes
     ----------
@@ -49,6 +66,7 @@ class PressureLog:
     signs : of several chambers the sign of each, by name
     clock_zero_s : when `time_s` is 0, in s after 1970; None where the log names no dates
     doubts : sentences on columns that contradict the way they were read
+    tendon : whether it is the tension of a tendon
     """
 
     time_s: FloatArray
@@ -60,6 +78,7 @@ class PressureLog:
     signs: Mapping[str, int] = field(default_factory=dict)
     clock_zero_s: float | None = None
     doubts: tuple[str, ...] = ()
+    tendon: bool = False
 
     def signal(self, method: str, channel: str | None) -> FloatArray:
         """The column (n,) by which the clocks are brought together: `channel`, or what `method` is called by.
@@ -154,7 +173,8 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     time_s = first.time_s[common]
     kept = {key: values[common] for key, values in first.channels.items()}
     doubts = tuple(text for log in read for text in log.doubts)
-    return replace(_summed(spec, time_s, logs, name, first.source, kept), clock_zero_s=first.clock_zero_s, doubts=doubts)
+    summed = _summed(spec, time_s, logs, name, first.source, kept)
+    return replace(summed, clock_zero_s=first.clock_zero_s, doubts=doubts, tendon=spec.tendon)
 
 
 def _summed(
@@ -189,10 +209,15 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
         raise InputError(
             f"{spec.folder}: pressure: no file and no url; write for example 'pressure: {{file: pressure.csv}}'"
         )
-    time_name, pressure_name = _choose_columns(table, keys)
-    pressure_kPa, said = _in_kPa(table, pressure_name, keys.unit)
-    if (keys.reference or said) == "absolute":
-        pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, keys)
+    time_name, pressure_name = _choose_columns(table, keys, tendon=spec.tendon)
+    if spec.tendon:
+        if keys.unit is None:
+            refuse_other_kind(table, pressure_name, "pressure.pressure", _NO_TENSION)
+        pressure_kPa = TENSION_kPa * in_unit(table, pressure_name, "N", "pressure.pressure", keys.unit)
+    else:
+        pressure_kPa, said = _in_kPa(table, pressure_name, keys.unit)
+        if (keys.reference or said) == "absolute":
+            pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, keys)
     zero_s = clock_zero_s(table, time_name)
     if time_name is None:
         time_s = table.times_s[pressure_name]
@@ -208,10 +233,18 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
         for other, values in table.columns.items()
         if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
-    doubts = [other_unit(table, pressure_name, "kPa", "pressure.unit", keys.unit), _twice(table, pressure_name)]
+    like = "N" if spec.tendon else "kPa"
+    doubts = [other_unit(table, pressure_name, like, "pressure.unit", keys.unit), _twice(table, pressure_name)]
     doubts += [other_unit(table, time_name, "s", "pressure.time_unit", keys.time_unit)] if time_name is not None else []
     return PressureLog(
-        time_s, pressure_kPa, name, table.source, others, clock_zero_s=zero_s, doubts=tuple(filter(None, doubts))
+        time_s,
+        pressure_kPa,
+        name,
+        table.source,
+        others,
+        clock_zero_s=zero_s,
+        doubts=tuple(filter(None, doubts)),
+        tendon=spec.tendon,
     )
 
 
@@ -231,6 +264,8 @@ def constant_pressure(spec: PressureSpec, from_s: float, to_s: float, name: str 
 
 def _in_kPa(table: Table, name: str, given: str | None) -> tuple[FloatArray, str | None]:
     """Return a column of pressures in kPa, and whether its unit says gauge or absolute."""
+    if given is None:
+        refuse_other_kind(table, name, "pressure.pressure", _NO_PRESSURE)
     unit, said = pressure_unit(given or unit_of(table, name, "kPa"))
     return in_unit(table, name, "kPa", "pressure.pressure", unit), said
 
@@ -252,16 +287,17 @@ def _ambient_kPa(table: Table, pressure: str, keys: PressurePart) -> FloatArray 
     return ambient_kPa
 
 
-def _choose_columns(table: Table, keys: PressurePart) -> tuple[str | None, str]:
-    """Return the columns of time (None: the file keeps time with every channel) and pressure."""
+def _choose_columns(table: Table, keys: PressurePart, *, tendon: bool = False) -> tuple[str | None, str]:
+    """Return the columns of time (None: the file keeps time with every channel) and pressure, or of a tendon its tension."""
     names = list(table.columns)
     bare_pair = keys.time is None and keys.pressure is None and len(names) == 2 and keys.url is not None
-    if bare_pair and not {"time_s", "pressure_kPa"} & set(names):
+    if bare_pair and not {"time_s", "pressure_kPa", "tension_N"} & set(names):
         return names[0], names[1]  # SELECT t, p FROM ...
     given, time = as_written(keys), keys.time or "time_s"
     if time not in names and not table.times_s and (meant := meant_column(table, time, "time")):
         given["time"] = meant  # one line mends both
-    pressure = column(table, keys.pressure or "pressure_kPa", "pressure.pressure", given)
+    usual, like = ("tension_N", "tension") if tendon else ("pressure_kPa", "pressure")
+    pressure = column(table, keys.pressure or usual, "pressure.pressure", given, like=like)
     if keys.time is None and pressure in table.times_s:
         return None, pressure
     return column(table, time, "pressure.time", given), pressure

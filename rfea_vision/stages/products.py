@@ -53,6 +53,7 @@ def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: xr.Dataset | No
 
         path = folder / Path(diagnosis.next_experiment.pressure).name
         columns = {"time_s": pressure["log_time"].values, "pressure_kPa": pressure["pressure"].values}
+        columns |= {"tension_N": pressure["tension"].values} if "tension" in pressure else {}
         with whole_file(path) as temporary:
             pd.DataFrame(columns).to_csv(temporary, float_format="%.6g", index=False)
         outputs.append(path)

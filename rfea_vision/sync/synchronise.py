@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.clocks import SYNC_METHODS
+from rfea_vision.artefacts.measurement import TENSION_kPa
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.sync.alignment import Alignment
@@ -63,6 +64,8 @@ def synchronise(
     if len(alignment.curve[0]):
         dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
         dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})
+    if log.tendon:
+        notes.append(f"the log is the tension of a tendon, of which 1 N stands as {TENSION_kPa:g} kPa in tables and figures")
     about = {"experiment": experiment, "role": role, "bends": bends, "sync_method": method}
     said = {"sync_notes": "; ".join(filter(None, [*notes, alignment.note])), "pressure_source": PurePath(log.source).name}
     repeats = {"repeat_of": repeat_of} if repeat_of else {}
@@ -90,7 +93,7 @@ def _on_log_clock(track: Track, log: PressureLog, time_s: FloatArray) -> xr.Data
         time=("time", time_s, {"units": "s", "long_name": "time on the log's clock"}),
         log_time=("log_time", log.time_s, {"units": "s"}),
     )
-    attributes = {"units": "kPa", "long_name": "gauge pressure"}
+    attributes = {"units": "kPa", "long_name": f"tension, 1 N as {TENSION_kPa:g} kPa" if log.tendon else "gauge pressure"}
     dataset["pressure"] = (("log_time",), log.pressure_kPa, attributes)
     if log.chambers:
         signs = ("chamber", [log.signs[name] for name in log.chambers])

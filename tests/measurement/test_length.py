@@ -54,7 +54,8 @@ def test_a_wrong_square_shows_as_a_wrong_length(checked, square_m, off):
     assert data.attrs["hinge_length_mm"] == pytest.approx(155.0 * square_m / 0.012, rel=0.006)
     said = data.attrs["length_check"]
     assert f"it measures {off}" in said
-    assert said.endswith("% against actuator.length: check the board's square (or camera.scale) and the length")
+    checks = said.partition("% against actuator.length: check ")[2]
+    assert checks.startswith("the board's square (or camera.scale), the length, and by 'rfea track --preview' that the line ends at")
 
 
 @pytest.mark.parametrize(("of_body", "doubted"), [(True, False), (False, True)])

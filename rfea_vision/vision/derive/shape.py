@@ -325,7 +325,8 @@ def _length_check(hinge: FloatArray, bend: FloatArray, scene: Scene, *, of_body:
     if abs(off) > 3.0:
         scales = "the board's square (or camera.scale)"
         checked = "the length, and that camera.clamp and camera.tip are its ends"
-        checks = f"{scales}, {checked}" if scene.is_pointed_at else f"{scales} and the length"
+        seen = "the length, and by 'rfea track --preview' that the line ends at the tip (camera.tip says where it is)"
+        checks = f"{scales}, {checked if scene.is_pointed_at else seen}"
         said += f"; it measures {off:+.1f} % against actuator.length: check {checks}"
     return {
         "hinge_length_mm": float(np.median(hinge)),
