@@ -13,6 +13,8 @@ from typing_extensions import TypedDict  # of Python 3.11 the own one is not eno
 UNUSED_BY_BEAMS = ("k_slope", "b_pos_slope", "b_neg_ref", "b_neg_slope")
 #: Where a floor comes from that is no more than a model's own error: that a model is at such a floor says nothing of the model.
 LEFT_BY_A_MODEL = "what a model leaves of its worst run (the track's standard errors claim more)"
+#: Where one comes from that is what the track claims.
+STATED_ERRORS = "standard errors of the track"
 
 
 class Correlation(TypedDict, total=False):

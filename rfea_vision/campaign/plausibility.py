@@ -149,7 +149,7 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
         return [f"{both}; is the time of the pictures in ms?"]
     if logged >= 0.9 * camera:
         return of_pauses(log_s)
-    slow = f"{both}; is it slow motion? Then video.rate says how fast it was filmed, such as 240 Hz"
+    slow = f"{both}; is it slow motion? Then video.rate says how fast it was filmed, such as 240 Hz. Or was the log cut off?"
     return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 
 

@@ -68,7 +68,7 @@ def offered(
         # Of a pressure that never changes neither its line, nor what it lengthens, nor the clock of its log can be told.
         by_log = effect.id in line_effects() or effect.overrides("stretch") or effect.overrides("time_shift")
         unpushed = not moving and by_log
-        no_such_body = problem.actuator.kind in effect.not_of
+        no_such_body = problem.actuator.kind in effect.not_of or (effect.needs_tendon and problem.actuator.tendon is None)
         if tied_to_base or no_such_body or unpushed or (effect.id == "time_offset" and clocks_free):
             continue
         chosen.append(effect)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, EffectSet, Remainder, Tie, undecided
-from rfea_vision.artefacts.rows import GoesWith
+from rfea_vision.artefacts.rows import STATED_ERRORS, GoesWith
 from rfea_vision.critique.floors import left_by_a_model
 from rfea_vision.critique.measures import MATTERS_SHARE, STRUCTURE_FLOORS, matters, motion
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
@@ -19,6 +19,8 @@ from rfea_vision.units import rounded
 
 #: Sets that are written down, and effects that one tie may hold where fewer than all of it are likely.
 MOST_SETS, MOST_TIED = 12, 3
+#: A floor that is more than so many times what no calibration vouches for (0.2 % of the length) is a coarse one. Chosen.
+COARSE = 10.0
 
 
 @dataclass(frozen=True)
@@ -239,7 +241,7 @@ def _complete(search: Search, found: Verdict) -> str:
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
         far = ", as far as the held-out runs ask" if found.asks_less else ""
-        text = f"Nothing is missing that matters{far}: the {which} is {held} {unit}, the floor {floor} {unit}."
+        text = f"Nothing is missing that matters{far}: the {which} is {held} {unit}, the floor {floor} {unit}.{_of_calibration(search)}"
     else:
         text = f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
     if found.asks_less:
@@ -248,6 +250,22 @@ def _complete(search: Search, found: Verdict) -> str:
             "held-out runs, which alone judge. Give one like them 'role: validate'."
         )
     return text
+
+
+def _of_calibration(search: Search) -> str:
+    """Say of a floor that it is mostly what a coarse scale may be off by; empty where it is not."""
+    problem = search.trials.problem
+    if search.floors.source != STATED_ERRORS or not 0.0 < COARSE * (search.floors.calibration or 0.0) < search.floor:
+        return ""
+    attributes = [problem.recordings[run.name].dataset.attrs for run in problem.scored]
+    shared = [float(said.get("calibration_sigma_mm", 0.0)) for said in attributes]
+    typical = float(np.sqrt(np.mean(np.square(shared))))
+    if typical < search.floor / 2:
+        return ""
+    return (
+        f" Most of that floor is what the calibration may be off by, {rounded(typical)} mm, alike in every frame: effects that move "
+        "the tip by less than the floor are neither found nor ruled out. A better scale (a board, or four points around it) lowers it."
+    )
 
 
 def _uncertain(search: Search, found: Verdict) -> str:

@@ -184,6 +184,7 @@ class Effect:
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
     #: Kinds of sections in which the critique does not look for it.
     not_of: ClassVar[tuple[str, ...]] = ()
+    needs_tendon: ClassVar[bool] = False  # whether the critique looks for it only where a tendon pulls
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
     # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
     chamber: ClassVar[str] = ""

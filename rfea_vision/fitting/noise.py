@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS, Recording
-from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL, STATED_ERRORS
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.scatter import rounding_noise, third_difference_noise
@@ -87,7 +87,7 @@ def noise_floor_mm(
         return high, "the track's own high frequencies (above the stated standard errors)"
     if most < claim:
         return most, LEFT_BY_A_MODEL
-    return claim, "standard errors of the track"
+    return claim, STATED_ERRORS
 
 
 def _of_many(squares: FloatArray, found: FloatArray | float) -> FloatArray:

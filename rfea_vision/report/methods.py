@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from rfea_vision.artefacts import Parameter
 from rfea_vision.artefacts.clocks import SYNC_METHODS
+from rfea_vision.artefacts.measurement import TENSION_kPa
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
 from rfea_vision.report.prose import parameter_words
@@ -111,6 +112,9 @@ def _measurement(evidence: Evidence) -> str:
         if methods_used:
             other = "Camera" if evidence.camera else "Track"
             text += f"{other} and pressure log were brought onto one clock by {listing(SYNC_METHODS.get(m, m) for m in methods_used)}. "
+    logged = [str(run.recording["pressure"].attrs.get("long_name", "")) for run in runs if run.recording is not None]
+    if any(name.startswith("tension") for name in logged):
+        text += f"What was logged is the tension of a tendon: {TENSION_kPa:g} kPa of pressure stand for 1 N in every figure and table. "
     if any(run.recording is not None and "edges" in run.recording for run in runs):  # else it came with a track
         text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
     return text.strip()

@@ -64,8 +64,6 @@ def synchronise(
     if len(alignment.curve[0]):
         dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
         dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})
-    if log.tendon:
-        notes.append(f"the log is the tension of a tendon, of which 1 N stands as {TENSION_kPa:g} kPa in tables and figures")
     about = {"experiment": experiment, "role": role, "bends": bends, "sync_method": method}
     said = {"sync_notes": "; ".join(filter(None, [*notes, alignment.note])), "pressure_source": PurePath(log.source).name}
     repeats = {"repeat_of": repeat_of} if repeat_of else {}

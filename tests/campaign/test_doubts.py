@@ -232,7 +232,7 @@ def _far_enough(*_: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("filmed", "says"), [(True, "is it slow motion? Then video.rate says"), (False, "only what both cover")]
+    ("filmed", "says"), [(True, "such as 240 Hz. Or was the log cut off?"), (False, "only what both cover")]
 )
 def test_a_film_that_lasts_twice_as_long_as_its_log_may_be_slow_motion(filmed, says):
     (text,) = of_times(np.linspace(0, 6, 600), np.arange(360) / 30, filmed=filmed)

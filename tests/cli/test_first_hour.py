@@ -312,7 +312,7 @@ def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
 @pytest.mark.parametrize("sufficient", [True, False])
 def test_without_validation_runs_no_error_is_called_held_out(sufficient):
     problem = SimpleNamespace(trials=SimpleNamespace(problem=SimpleNamespace(validate=())), held=0.0905, floor=0.11)
-    problem.floors = SimpleNamespace(unit="mm")
+    problem.floors = SimpleNamespace(unit="mm", source="repeated runs")
     said = verdict._complete(problem, SimpleNamespace(sufficient=sufficient, asks_less=False))
     assert "held-out" not in said and "the training error (there are no validation runs)" in said.lower()
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Diagnosis
+from rfea_vision.artefacts import Actuator, Diagnosis
 from rfea_vision.cli import model
 from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
 from rfea_vision.fitting.problem import make_problem
@@ -62,7 +62,7 @@ def test_a_slower_run_is_played_to_its_end_and_its_length_is_told(monkeypatch):
     monkeypatch.setattr(
         "rfea_vision.critique.next_experiment._seen", lambda fitted, like, pressure, unit: np.full((9, 4), fitted.lag * pressure.size)
     )
-    planned, pressure = design_next(SimpleNamespace(train=[still]), longer, ("maxwell", "coulomb"), 0, 0.1)  # type: ignore[arg-type]
+    planned, pressure = design_next(SimpleNamespace(train=[still], actuator=Actuator()), longer, ("maxwell", "coulomb"), 0, 0.1)  # type: ignore[arg-type]
     assert planned is not None and pressure is not None
     assert f"kPa, {pressure.log_time.values[-1] + STEP_S:.3g} s)" in planned.sentence
 

@@ -32,6 +32,7 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     fitted = _fitted()
     found = {effect.id for effect in offered(problem, fitted, None, ())}
     assert ("stretch" in found) == looked_for and "payload" in found
+    assert "tendon_friction" not in found
     bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
     assert bore & found == (bore if kind == "tube" else set())
     assert ("pressure_lag" in found) == moving

@@ -293,6 +293,18 @@ def test_of_a_fit_that_was_refused_nothing_is_said(monkeypatch, error, floor):
     assert decide(search, rows).verdict == found.verdict and not decide(search, rows).uncertain_because
 
 
+@pytest.mark.parametrize(("shared_mm", "length_mm", "told"), [(1.7, 172.0, True), (0.2, 172.0, False), (1.7, 2000.0, False)])
+def test_a_floor_that_is_a_ruler_s_is_said_to_hide_what_is_below_it(monkeypatch, shared_mm, length_mm, told):
+    """A tendon's friction, 2 mm at a tip, lay below what a ruler is worth, and nothing that matters was missing."""
+    search, rows = _at_floor(monkeypatch, 2.2, 2.1, "standard errors of the track")
+    search.floors.calibration = 2e-4 * length_mm
+    data = SimpleNamespace(dataset=SimpleNamespace(attrs={"calibration_sigma_mm": shared_mm}))
+    search.trials.problem.recordings = {"steps": data}
+    found = decide(search, rows)
+    assert found.verdict == "complete" and found.sentence.startswith("Nothing is missing that matters: the held-out error is 2.20 mm")
+    assert ("may be off by, 1.70 mm, alike in every frame: effects that" in found.sentence) == told
+
+
 def test_what_is_named_over_a_refused_fit_stays_named_and_the_reason_comes_first(monkeypatch):
     search, rows = _at_floor(monkeypatch, 9.0, 0.1, "standard errors of the track", ("maxwell",))
     found = decide(search, rows, "Refused: the fit ran away, b_neg_ref is 50 times what a tube has; is it one?")
@@ -333,7 +345,7 @@ def test_all_of_a_floor_that_is_a_models_own_error_hides_what_may_matter(monkeyp
 def test_a_complete_model_that_its_training_runs_belie_says_so():
     """The held-out run was a slow ramp; fast steps were off by two floors, and a load at the tip would have halved that."""
     search: Any = SimpleNamespace(
-        floors=SimpleNamespace(unit="mm"), floor=0.1, held=0.09,
+        floors=SimpleNamespace(unit="mm", source="repeated runs"), floor=0.1, held=0.09,
         trials=SimpleNamespace(problem=SimpleNamespace(validate=["ramp"])),
     )  # fmt: skip
     for trained, less in ((0.12, False), (0.23, True)):
