@@ -24,6 +24,7 @@ from testing.report.browser import VISIT_ALL, Browser
 pytestmark = pytest.mark.chromium
 
 SHOWN = "[...document.querySelectorAll('[data-rung]:not([hidden])')].map(e => Number(e.dataset.rung))"
+NOTE = "document.getElementById('stage-note').textContent"
 CLOCK = "parseFloat(document.getElementById('clock').textContent)"
 
 
@@ -203,7 +204,21 @@ def test_film_follows_the_cursor(opened: Browser) -> None:
         opened.key("ArrowLeft")
     opened.run("new Promise(done => setTimeout(done, 800))")
     assert opened.run(stage) != first
-    assert opened.run("document.getElementById('stage-note').textContent") == ""
+    assert opened.run(NOTE) == ""
+
+
+def test_a_run_that_would_flash_by_is_played_slowed_down(opened: Browser, page: Path, tmp_path: Path) -> None:
+    """The same run as one of 0.15 s; played in its own time it had been over before anybody saw it."""
+    assert opened.run(NOTE) == ""
+    short, spans = re.subn(r'"span":\s*\[0\.0,[^]]*\]', '"span": [0.0, 0.15]', page.read_text(encoding="utf-8"))
+    (copy := tmp_path / "short.html").write_text(short, encoding="utf-8")
+    assert spans
+    try:
+        opened.open(copy)
+        centre_of(opened, "#stage")
+        opened.wait(f"{NOTE} === 'Plays 20 times slower than it went.'")
+    finally:
+        opened.open(page)
 
 
 def test_click_near_a_peak_jumps_to_it(opened: Browser) -> None:

@@ -79,7 +79,9 @@ function paintStage() {
   if (document.getElementById("lens").checked && tip) drawLens(c, width, height, perMm, tip, k);
   showGap();
   const film = stage.films.get(e.name);
-  document.getElementById("stage-note").textContent = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
+  const alone = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
+  const slowed = slower() > 1 ? `Plays ${+slower().toPrecision(2)} times slower than it went.` : "";
+  document.getElementById("stage-note").textContent = [alone, slowed].filter(Boolean).join(" ");
 }
 
 // The last rung of the ladder, where it is not the one that is shown: the cure beside what it cures.
@@ -189,8 +191,11 @@ function rulerOf(c, width, height, perMm) {
   c.fillStyle = "#1c1e22"; c.fillRect(x, y, long, 2); c.font = `11px ${colours().font}`; c.textAlign = "left"; c.fillText(`${+mm.toPrecision(1)} mm`, x, y - 5);
 }
 
-// Playing moves the cursor in real time; the film follows by seeking, so that line and picture never part.
+// Playing moves the cursor in real time, of a run that would flash by slowed down; the film follows by seeking, so that line and picture
+// never part.
+const LEAST_PLAYED_S = 3;
 let playFrom = 0, playTime = 0;
+const slower = () => { const [low, high] = experiment().span; return high > low ? Math.max(1, LEAST_PLAYED_S / (high - low)) : 1; };
 function play(go = !stage.playing) {
   stage.playing = go;
   const button = document.getElementById("play");
@@ -202,7 +207,7 @@ function play(go = !stage.playing) {
 }
 function advance(now) {
   if (!stage.playing) return;
-  const time = playTime + (now - playFrom) / 1000, [, high] = experiment().span;
+  const time = playTime + (now - playFrom) / 1000 / slower(), [, high] = experiment().span;
   setTime(time);
   if (time >= high) play(false); else requestAnimationFrame(advance);
 }
