@@ -36,21 +36,23 @@ DEPTH_SPREAD = 0.005  # the scale lies in front of or behind the tube's axis by 
 POINTING_PX = 1.5  # how well a person points
 READING_MM = 0.5  # how well a ruler is read
 TUBE_SPREAD = 0.02  # of its nominal length: what of a tube sticks out of its clamp
+BEFORE_CAMERA = 0.2  # of the distance between camera and scale has to be left between camera and tube
 JOINT = 9 + 6  # fx, fy, cx, cy, five of the lens; rotation, translation
 K1_AT, TILTS_AT = 4, (9, 10)
 FACING = np.diag([1.0, -1.0, -1.0])  # plane to camera: x to the right, y up, z towards the camera
 
 
 def scaled_by_distance(
-    size: tuple[int, int], points_px: ArrayLike, distance_mm: float, *, error_mm: float | None = None
+    size: tuple[int, int], points_px: ArrayLike, distance_mm: float, *, error_mm: float | None = None, behind_mm: float = 0.0
 ) -> Calibration:
-    """Calibration of a camera that looks squarely at the plane of motion, from one distance in it.
+    """Calibration of a camera that looks squarely at the plane of motion, from one distance in it, or `behind_mm` behind it.
 
     Parameters
     ----------
     size : width and height of the pictures in px
     points_px : (n, 2) pixels of a line whose length is `distance_mm`; two points, or more along a curve
     error_mm : standard error of the distance; by default what reading a ruler leaves
+    behind_mm : how far behind the plane of motion the points lie, away from the camera (negative: before it)
 
     Raises
     ------
@@ -63,10 +65,12 @@ def scaled_by_distance(
         raise InputError(f"camera.scale.points: they are {pixels:.0f} px apart; take two that are far apart")
     error = READING_MM if error_mm is None else error_mm
     focal = FOCAL_SHARE * max(size)
-    depth = focal * distance_mm / pixels
-    relative = float(np.sqrt(2 * (POINTING_PX / pixels) ** 2 + (error / distance_mm) ** 2 + DEPTH_SPREAD**2))
+    depth = _nearer(focal * distance_mm / pixels, behind_mm)
+    # Of what lies behind, a longer lens leaves less to set right: its camera stands farther off.
+    lens_share = FOCAL_SPREAD * behind_mm / depth
+    relative = float(np.sqrt(2 * (POINTING_PX / pixels) ** 2 + (error / distance_mm) ** 2 + DEPTH_SPREAD**2 + lens_share**2))
     described: CalibrationQuality = {
-        "note": f"scale from {distance_mm:g} mm over {pixels:.0f} px; lens and tilt of the camera are assumed",
+        "note": f"scale from {distance_mm:g} mm over {pixels:.0f} px{_set_back(behind_mm)}; lens and tilt of the camera are assumed",
         "scale_stderr_percent": 100 * relative,
         "tilt_stderr_deg": TILT_SPREAD_DEG,
     }
@@ -86,7 +90,7 @@ def scaled_by_distance(
 
 
 def scaled_by_places(
-    size: tuple[int, int], points_px: ArrayLike, places_mm: ArrayLike, *, error_mm: float | None = None
+    size: tuple[int, int], points_px: ArrayLike, places_mm: ArrayLike, *, error_mm: float | None = None, behind_mm: float = 0.0
 ) -> Calibration:
     """Calibration with perspective, from four or more points of the plane whose places are known.
 
@@ -95,6 +99,7 @@ def scaled_by_places(
     size : width and height of the pictures in px
     points_px, places_mm : (n, 2) pixels, and x to the right and y up (or down: it is seen which) on the plane
     error_mm : standard error of each place; by default what reading a ruler leaves
+    behind_mm : how far behind the plane of motion they lie, away from the camera (negative: before it)
 
     Raises
     ------
@@ -142,10 +147,25 @@ def scaled_by_places(
     pick[9:, :6] = np.eye(6)
     joint = pick @ covariance @ pick.T
     joint[-1, -1] += (DEPTH_SPREAD * found.x[5]) ** 2
-    described: CalibrationQuality = {"note": f"scale from {len(pixels)} places; the lens is assumed", "noise_px": noise_px}
+    note = f"scale from {len(pixels)} places{_set_back(behind_mm)}; the lens is assumed"
+    described: CalibrationQuality = {"note": note, "noise_px": noise_px}
     rotation = rotation_matrix(found.x[:3]) @ FACING
-    seen = _calibration(size, length, rotation, found.x[3:6], described, rms_px, bends=float(found.x[7]))
+    _nearer(float(found.x[5]), behind_mm)
+    translation = found.x[3:6] + behind_mm * rotation[:, 2]
+    seen = _calibration(size, length, rotation, translation, described, rms_px, bends=float(found.x[7]))
     return _with_errors(seen, joint)
+
+
+def _nearer(depth_mm: float, behind_mm: float) -> float:
+    """How far off the plane of motion is, where what tells the scale lies `behind_mm` behind it, `depth_mm` from the camera."""
+    if depth_mm - behind_mm < BEFORE_CAMERA * depth_mm:
+        raise InputError(f"camera.scale.behind: {behind_mm:g} mm lead to the camera, which is some {depth_mm:.0f} mm off; correct it")
+    return depth_mm - behind_mm
+
+
+def _set_back(behind_mm: float) -> str:
+    """What is said of a scale that does not lie in the plane of motion."""
+    return f", {abs(behind_mm):g} mm {'behind' if behind_mm > 0 else 'before'} the plane of motion" if behind_mm else ""
 
 
 def _pose_of(places: FloatArray, ways: FloatArray) -> FloatArray:

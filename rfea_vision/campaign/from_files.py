@@ -152,9 +152,12 @@ def _moving(log: FileGuess) -> FileGuess:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
+    """A name of its own for each run: its file's, or its folder's where runs lie in folders of their own under one file name."""
     names: list[str] = []
     for path in paths:
-        name = re.sub(r"[^\w-]+", "-", _stem(path)).strip("-_") or "run"
+        alike = [other.parent for other in paths if _stem(other) == _stem(path)]
+        apart = len(alike) > 1 and len(set(alike)) == len(alike) and not any(one in other.parents for one in alike for other in alike)
+        name = re.sub(r"[^\w-]+", "-", path.parent.name.lower() if apart else _stem(path)).strip("-_") or "run"
         name = f"{name}-run" if name.casefold() in RESERVED_NAMES or name == OUTPUT_FOLDER else name
         names.append(next(free for free in chain([name], (f"{name}-{n}" for n in count(2))) if free not in names))
     return names

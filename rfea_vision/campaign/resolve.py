@@ -100,6 +100,8 @@ def _check_scale(part: CameraPart, finder: Finder) -> None:
         finder.complain(f"camera.{lacking}", "is missing; 'scale: tube' measures from camera.clamp to camera.tip")
     if not isinstance(scale, ScalePart):
         return
+    if part.board_offset:
+        finder.complain("camera.board_offset", "is that of a board; of a scale write 'behind', below it")
     count = len(scale.points)
     if (scale.distance is None) == (scale.places is None):
         finder.complain("camera.scale", f"needs either distance or places; for example '{SCALE_EXAMPLE}'")

@@ -27,11 +27,11 @@ def calibrated_by_scale(camera: CameraSpec, size: tuple[int, int], length_mm: fl
 
     scale = camera.scale
     if isinstance(scale, ScalePart):
-        error_mm = None if scale.error is None else 1e3 * scale.error
+        error_mm, behind_mm = None if scale.error is None else 1e3 * scale.error, 1e3 * scale.behind
         if scale.distance is not None:
-            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm)
+            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm, behind_mm=behind_mm)
         places_mm = [(1e3 * x, 1e3 * y) for x, y in scale.places or ()]
-        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm)
+        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm, behind_mm=behind_mm)
     return scaled_by_distance(size, pointed_line(camera.hints), length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 

@@ -168,13 +168,14 @@ class BoardPart(_Part):
 class ScalePart(_Part):
     """A scale without a board: two `points` in pixels and their `distance`; or four and more, and their `places`.
 
-    `error` is the standard error of the distance, or of each place.
+    `error` is the standard error of the distance, or of each place; `behind` how far behind the plane of motion they lie.
     """
 
     points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
     distance: LongLength | None = None
     places: Annotated[tuple[tuple[Offset, Offset], ...], Field(min_length=4)] | None = None
     error: Length | None = None
+    behind: Offset = 0.0
 
 
 class CorrectionPart(_Part):

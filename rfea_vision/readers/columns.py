@@ -20,7 +20,7 @@ from rfea_vision.yaml_line import flow
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-_SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
+_SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar", "millis": "ms", "micros": "us"}
 """Spellings that no registry of units knows."""
 
 #: Share within which two units are the same: the nearest that are not, at and bar, differ by 2 %.
@@ -111,6 +111,7 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
     unit = rf"([A-Za-z°ºµ]+(?:{counted})?)"
     at_end, bracketed = rf"(?:_(?!(?i:atm?)\b)|\s*[\[(]){unit}[\])]?(?:\.\d+)?$", rf"[\[(]{unit}[\])]"
     written = [found[1] for found in (re.search(at_end, name), re.search(bracketed, name)) if found]
+    written += [name] * (name in ("millis", "micros"))  # a microcontroller's clocks, called as the functions that read them
     for found in [table.units[name]] if table.units.get(name) else written:
         found = _SIGNS.get(found, found)
         with contextlib.suppress(ValueError):

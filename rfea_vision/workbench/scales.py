@@ -30,15 +30,16 @@ def scale_told(campaign: Campaign, experiment: ExperimentSpec) -> dict[str, Any]
         return None
     own = _deciding(campaign, experiment)[0] == experiment.file
     if not isinstance(scale, ScalePart):
-        return {"points": [], "distance": "", "own": own}
+        return {"points": [], "distance": "", "behind": "", "own": own}
     distance = "" if scale.distance is None else f"{1e3 * scale.distance:g} mm"
-    return {"points": [list(point) for point in scale.points], "distance": distance, "own": own}
+    behind = f"{1e3 * scale.behind:g} mm" if scale.behind else ""
+    return {"points": [list(point) for point in scale.points], "distance": distance, "behind": behind, "own": own}
 
 
 def write_scale(
     campaign: Campaign, experiment: ExperimentSpec, size: tuple[int, int], value: dict[str, Any], *, everywhere: bool
 ) -> Path:
-    """Write ``camera.scale`` as the page asks, ``{"points": [[x, y], [x, y]], "distance": "155 mm"}``; `size` of the film in px.
+    """Write ``camera.scale`` as the page asks, ``{"points": [[x, y], [x, y]], "distance": "155 mm", "behind": ""}``; `size` in px.
 
     It goes to campaign.yaml with `everywhere`, but for a run that has a scale of its own, or stands alone.
 
@@ -60,7 +61,13 @@ def write_scale(
     if metres <= 0:
         found = f"'{distance}' lies between no two points"
         raise InputError(f"camera.scale.distance: {found}; type what you have measured, such as {DISTANCE}")
-    scaled_by_distance(size, points, 1e3 * metres)
+    behind = " ".join(str(value.get("behind", "")).split())
+    try:
+        behind_m = parse_quantity(behind or "0 mm", "m", example="12 mm")
+    except ValueError as error:
+        raise InputError(f"camera.scale.behind: {error}") from error
+    scaled_by_distance(size, points, 1e3 * metres, behind_mm=1e3 * behind_m)
+    told: dict[str, Any] = {"points": points, "distance": distance} | ({"behind": behind} if behind_m else {})
     file, camera = _deciding(campaign, experiment)
     if not everywhere:
         file, camera = experiment.file, _camera_in(experiment.file)
@@ -68,9 +75,11 @@ def write_scale(
         raise InputError(f"{file}: camera.{standing} tells the scale already; to point at it, take that line out and look again")
     present = camera.get("scale")
     if isinstance(present, dict) and "places" not in present:  # what stands beside, and its comments, stay
-        set_keys(file, {("camera", "scale", "points"): points, ("camera", "scale", "distance"): distance})
+        set_keys(file, {("camera", "scale", key): item for key, item in told.items()})
+        if "behind" in present and not behind_m:
+            take_out(file, ("camera", "scale", "behind"))
     else:
-        set_keys(file, {("camera", "scale"): {"points": points, "distance": distance}})
+        set_keys(file, {("camera", "scale"): told})
     return file
 
 

@@ -36,6 +36,7 @@ HEADERS = [
     ({"time_s": TIME_S, "p": 10 * PRESSURE_kPa + 1013.25}, 3),
     ({"sample_t": TIME_S, "p_abs [kPa]": PRESSURE_kPa + 101.3, "p_atm [kPa]": np.full(400, 101.3)}, 5),
     ({"t": TIME_S, "p_psig": PRESSURE_kPa / 6.894757293168361}, 3),
+    ({"millis": np.round(1e3 * TIME_S), "p_kPa": PRESSURE_kPa}, 2),
 ]
 
 
@@ -403,6 +404,17 @@ def test_every_run_has_a_name_of_its_own_and_yaml_reads_no_other_thing_into_it(t
     reading = read_campaign(tmp_path / "tube")
     assert not [item for item in reading.problems if item.severity == "error"]
     assert {item.name for item in reading.campaign.experiments} == {"r-3", "r", "r-2", "no", "null"}
+
+
+def test_runs_in_folders_of_their_own_are_called_as_these_where_their_files_are_called_alike(tmp_path):
+    """Ten runs, each `RUN/webcam.mp4` and `RUN/log.csv`, had been called webcam, webcam-2, ... webcam-10."""
+    for name in ("01_stairs", "02_ramp"):
+        (tmp_path / name).mkdir()
+        a_film(tmp_path / name / "front_view.mp4")
+        log = {"millis": np.round(1e3 * TIME_S + 48213), "pressure_psi": PRESSURE_kPa / 6.894757}
+        pd.DataFrame(log).to_csv(tmp_path / name / "log.csv", index=False)
+    written = write_campaign_from(tmp_path / "finger", [tmp_path / "01_stairs", tmp_path / "02_ramp"])
+    assert {path.parent.name for path in written.files} == {"finger", "01_stairs", "02_ramp"}
 
 
 @pytest.mark.parametrize("followed", ["p1", "p3"])

@@ -12,6 +12,7 @@ from rfea_vision.calibration.region import place_covariance_mm2
 from rfea_vision.calibration.scale import scaled_by_distance, scaled_by_places
 from rfea_vision.calibration.storage import load_calibration, save_calibration
 from rfea_vision.campaign import load_campaign
+from rfea_vision.campaign.scaling import calibrated_by_scale
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
 from testing.scenes import Look, film
@@ -44,8 +45,11 @@ def test_a_distance_sets_the_scale_and_its_error_covers_what_is_assumed():
     assert np.all(sigma < 0.05 * 180.0)
 
 
-def reach_of(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Error (2,) of a tip as seen from its clamp, mm, and its standard error: a camera as it is assumed to be set up, at random."""
+def reach_of(kind: str, seed: int, paper_mm: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Error (2,) of a tip as seen from its clamp, mm, and its standard error: a camera as it is assumed to be set up, at random.
+
+    What tells the scale is printed on paper, `paper_mm` behind the plane of motion.
+    """
     rng = np.random.default_rng(seed)
     focal = 0.8 * SIZE[0] * np.exp(0.25 * rng.normal())
     turn, depth = np.radians(3.0) * np.array([*rng.normal(size=2), 0.0]), focal / 4.0
@@ -56,26 +60,29 @@ def reach_of(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     def seen(places, behind=0.0):
         return cv2.projectPoints(np.column_stack([places, np.full(len(places), behind)]), *pose, matrix, lens)[0][:, 0]
 
-    behind = 0.005 * depth * rng.normal()
+    behind = 0.005 * depth * rng.normal() - paper_mm
     if kind == "ruler below":
         places = np.array([[-50.0, -80.0], [50.0, -80.0]])
         read = places + np.outer([0.0, 0.5 * rng.normal()], [1.0, 0.0])
-        calibration = scaled_by_distance(SIZE, seen(read, behind) + 1.5 * rng.normal(size=(2, 2)), 100.0)
+        calibration = scaled_by_distance(SIZE, seen(read, behind) + 1.5 * rng.normal(size=(2, 2)), 100.0, behind_mm=paper_mm)
     else:
         places = np.array([[-140.0, 80.0], [140.0, 80.0], [140.0, -80.0], [-140.0, -80.0]])
         read = places + 0.5 * rng.normal(size=places.shape)
-        calibration = scaled_by_places(SIZE, seen(read, behind) + 1.5 * rng.normal(size=places.shape), places)
+        pixels = seen(read, behind) + 1.5 * rng.normal(size=places.shape)
+        calibration = scaled_by_places(SIZE, pixels, places, behind_mm=paper_mm)
     tube = np.array([[0.0, 80.0], [60.0, -10.0]])
     clamp, tip = pixels_to_plane_mm(calibration, seen(tube))
     variance = place_covariance_mm2(calibration, tip[None], clamp)[0]
     return tip - clamp - (tube[1] - tube[0]), np.sqrt(np.diagonal(variance))
 
 
+@pytest.mark.parametrize("paper_mm", [0.0, 15.0])
 @pytest.mark.parametrize("kind", ["ruler below", "four places"])
-def test_the_error_of_a_scale_without_a_board_is_what_is_said(kind):
+def test_the_error_of_a_scale_without_a_board_is_what_is_said(kind, paper_mm):
     """A ruler tells the scale where it lies: a camera that is tilted sees another one at the tube. Of places, a lens that bends lines
-    moves the pose. Their errors were 2.2 and 1.6 times what was said."""
-    off, sigma = (np.array(part) for part in zip(*(reach_of(kind, seed) for seed in range(150)), strict=True))
+    moves the pose. Their errors were 2.2 and 1.6 times what was said. Of marks on paper behind the tube they
+    had been so much larger that what lies nearer to the camera is seen so much larger, and nothing could be said of it."""
+    off, sigma = (np.array(part) for part in zip(*(reach_of(kind, seed, paper_mm) for seed in range(300)), strict=True))
     assert 0.8 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.3
     assert 0.88 < np.mean(np.abs(off) < 1.96 * sigma) < 0.99
 
@@ -136,6 +143,23 @@ def test_hints_stand_in_the_file(tmp_path):
     assert hints.region == (100, 50, 300, 640) and hints.exclude == ((0, 0, 60, 60),)
     (tmp_path / "experiment.yaml").write_text(CAMPAIGN.replace("'#7088a0'", "reddish"))
     with pytest.raises(InputError, match=r"camera\.colour.*'#rrggbb'"):
+        load_campaign(tmp_path)
+
+
+def test_how_far_the_marks_lie_behind_stands_in_the_file(tmp_path):
+    (tmp_path / "video.mp4").write_bytes(b"")
+
+    def depth_mm(behind):
+        (tmp_path / "experiment.yaml").write_text(CAMPAIGN.replace("distance: 155 mm", f"distance: 155 mm{behind}"))
+        calibration = calibrated_by_scale(load_campaign(tmp_path).experiments[0].camera, SIZE, 155.0)
+        return calibration.plane_translation_mm[2], calibration.quality["note"]
+
+    (far, _), (near, note) = depth_mm(""), depth_mm(", behind: 12 mm")
+    assert near == pytest.approx(far - 12.0) and "12 mm behind the plane of motion" in note
+    with pytest.raises(InputError, match=r"camera\.scale\.behind: 900 mm lead to the camera"):
+        depth_mm(", behind: 900 mm")
+    (tmp_path / "experiment.yaml").write_text(CAMPAIGN.replace("  clamp:", "  board_offset: -12 mm\n  clamp:"))
+    with pytest.raises(InputError, match=r"camera\.board_offset: is that of a board; of a scale write 'behind'"):
         load_campaign(tmp_path)
 
 

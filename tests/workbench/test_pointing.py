@@ -231,3 +231,37 @@ def test_one_points_with_keys_too(film, served, visit):
     page.wait_for_selector("#tool-say:has-text('written')")
     tip = load_campaign(folder).experiments[0].camera.hints.tip
     assert tip == pytest.approx((180 + 5, 320 + 5), abs=1)
+
+
+def test_closer_the_pixel_under_the_mouse_stays_there_and_is_the_one_that_is_pointed_at(film, served, visit):
+    """In a window of 900 px the picture had been 213 px wide, beside a list, and could not be seen closer."""
+    folder, places = film
+    page = visit(served.address + "#/setup", width=900)
+    page.click('[data-tool="tip"]')
+    page.wait_for_selector("#frame-clock:has-text('0.000 s')")
+    page.wait_for_selector("#frame[width]")
+    whole = at_rest(page, "#frame")
+    assert whole["width"] > 300 or whole["height"] > 600
+    scale = whole["width"] / page.evaluate(WIDTH)
+    x, y = ((places["tip"][axis] + 0.5) * scale + whole[side] for axis, side in enumerate(("x", "y")))
+    page.mouse.move(x, y)
+    for _ in range(2):
+        page.keyboard.press("+")
+    closer = at_rest(page, "#frame")
+    assert closer["width"] == pytest.approx(4 * whole["width"], rel=0.01)
+    assert ((x - closer["x"]) / closer["width"], (y - closer["y"]) / closer["height"]) == pytest.approx(
+        ((x - whole["x"]) / whole["width"], (y - whole["y"]) / whole["height"]), abs=0.004
+    )
+    page.mouse.down()
+    page.mouse.up()
+    page.wait_for_selector("#tool-say:has-text('written')")
+    assert load_campaign(folder).experiments[0].camera.hints.tip == pytest.approx(places["tip"], abs=1)
+    page.mouse.move(x - 20, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y, steps=4)
+    page.mouse.up()
+    dragged = at_rest(page, "#frame")
+    assert dragged["x"] == pytest.approx(closer["x"] + 60, abs=2)
+    page.click('[data-closer="all"]')
+    assert at_rest(page, "#frame")["width"] == pytest.approx(whole["width"], rel=0.01)
+    assert not unfit(page)

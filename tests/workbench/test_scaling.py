@@ -73,6 +73,23 @@ def test_a_scale_stands_in_place_of_its_example_and_keeps_what_stands_beside_it(
     load_campaign(folder)
 
 
+def test_marks_behind_the_tube_say_so_and_may_be_said_to_lie_in_its_plane_again(tmp_path):
+    folder = bare(tmp_path / "bare")
+    opened = OpenedCampaign(folder, None)
+
+    def keep(behind):
+        value = {"points": POINTS, "distance": "155 mm", "behind": behind}
+        write_hint(opened.as_far_as_read(), opened.experiment(0), "scale", value, everywhere=True)
+        return state_of(folder, None)["experiments"][0]["scale"]["behind"], (folder / "campaign.yaml").read_text()
+
+    with pytest.raises(InputError, match=r"camera\.scale\.behind: 900 mm lead to the camera"):
+        keep("900 mm")
+    shown, text = keep("1.2 cm")
+    assert shown == "12 mm" and "distance: 155 mm, behind: 1.2 cm}" in text
+    shown, text = keep("")
+    assert shown == "" and "behind" not in text
+
+
 def test_a_film_with_a_scale_of_its_own_keeps_it_there(tmp_path):
     folder = bare(tmp_path / "bare", "camera: {scale: {points: [[1, 2], [3, 400]], distance: 9 cm}}\n")
     before = (folder / "campaign.yaml").read_text()

@@ -140,10 +140,11 @@ function route() {
 
 // Keys; none of them while one types.
 let going = false;
+const nearer = way => campaign.panel === "setup" ? setup.closerLook(way) : zoom(way);
 const keys = {
   ArrowLeft: event => step(event.shiftKey ? -10 : -1), ArrowRight: event => step(event.shiftKey ? 10 : 1), " ": () => playFilm(),
   "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
-  "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), t: toggleTheme, n: () => doNext(), "?": () => one("#help").showModal(),
+  "+": () => nearer("in"), "=": () => nearer("in"), "-": () => nearer("out"), 0: () => nearer("all"), t: toggleTheme, n: () => doNext(), "?": () => one("#help").showModal(),
 };
 function listenKeys() {
   addEventListener("keydown", event => {

@@ -3,6 +3,7 @@ import {show} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
 import * as scale from "./scale.js";
+import * as closer from "./closer.js";
 import {begin, campaign, complain, guarded, onJob, order, reload as reloadAll} from "./main.js";
 
 const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
@@ -29,7 +30,8 @@ export function build() {
         h("div", {class: "pointers", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
         h("p", {class: "muted", id: "tool-say", role: "status"}, tools.look.say),
         scale.form(keepScale),
-        h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}}),
+        closer.view(h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}})),
+        closer.buttons(() => paint()),
         h("div", {class: "transport"}, h("input", {type: "range", id: "frame-slider", min: "0", max: "0", value: "0", aria: {label: "Frame"}}), h("output", {id: "frame-clock"})),
         h("p", {id: "frame-reason", class: "muted"})),
       h("aside", {class: "beside"},
@@ -41,6 +43,7 @@ export function build() {
     h("p", {class: "absent", id: "no-films", hidden: true}, ""));
   one("#frame-slider").addEventListener("input", event => goTo(Number(event.target.value)));
   pointing(one("#frame"));
+  closer.draggable(() => seen.tool === "look");
   new ResizeObserver(paint).observe(one("#pointing"));
   onJob(event => { if (["track", "sync"].includes(event.do) && event.event === "finished") { seen.tried.clear(); paint(); } });
   onJob(event => { if (event.do === "try" && event.event === "finished" && event.result) one("#tool-say").textContent = `${event.result.good} of the first ${event.result.frames} frames were tracked.`; });
@@ -112,11 +115,14 @@ async function showPicture() {
 }
 
 // -- drawing ---------------------------------------------------------------------------------------------------------------
-const fitTo = () => { const canvas = one("#frame"), wide = canvas.parentElement.clientWidth, p = seen.picture; return p ? Math.min(wide / p.naturalWidth, 640 / p.naturalHeight) : 1; };
+const MOST_DRAWN = 4096; // px of the canvas from side to side; of what is closer than that the browser draws every pixel larger
+const fitTo = () => { const wide = one("#frame-view").parentElement.clientWidth, p = seen.picture; return p ? Math.min(wide / p.naturalWidth, 640 / p.naturalHeight) : 1; };
+export const closerLook = way => closer.look(way, paint);
 export function paint() {
-  const canvas = one("#frame"), p = seen.picture;
-  if (!p || !seen.film || !canvas.parentElement.clientWidth) return;
-  const k = fitTo(), dense = Math.min(3, devicePixelRatio || 1), w = p.naturalWidth * k, tall = p.naturalHeight * k;
+  const canvas = one("#frame"), p = seen.picture, view = one("#frame-view");
+  if (!p || !seen.film || !view.parentElement.clientWidth) return;
+  const whole = fitTo(), k = whole * closer.closeness(), w = p.naturalWidth * k, tall = p.naturalHeight * k, dense = Math.min(3, devicePixelRatio || 1, MOST_DRAWN / w);
+  Object.assign(view.style, {maxWidth: `${p.naturalWidth * whole}px`, maxHeight: `${p.naturalHeight * whole}px`});
   canvas.style.width = `${w}px`; canvas.style.height = `${tall}px`;
   canvas.width = Math.round(w * dense); canvas.height = Math.round(tall * dense);
   const c = canvas.getContext("2d");
