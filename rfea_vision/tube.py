@@ -14,7 +14,7 @@ def inner_radius(actuator: Actuator, theta: ArrayLike, rest_length: float) -> Fl
 
     Closed form of eq. DynInnerRadius (the same as eq. InnerRadius): the rubber keeps its volume at constant outer radius.
     """
-    stretched = rest_length + actuator.offset * np.asarray(theta, dtype=float)
+    stretched = rest_length + actuator.bore_offset * np.asarray(theta, dtype=float)
     rubber = (actuator.outer_radius**2 - actuator.inner_radius**2) * rest_length
     return np.sqrt(actuator.outer_radius**2 - rubber / stretched)
 

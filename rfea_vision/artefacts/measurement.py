@@ -49,6 +49,7 @@ class Actuator:
 
     The radii default to 4 and 3 mm: the 8 and 6 mm that the paper prints are diameters (see docs/physics.md). Of a beam,
     `outer_radius` is half its thickness in the plane of motion, and pi `inner_radius`^2 the area on which a pressure acts.
+    `keeps` says which line of a beam keeps its length: its middle, or the side to which it bends (a tube's always is its side).
     `mass_per_length` stands in place of the densities, `material` is a name such as PDMS. Where a tendon pulls, `tendon` is its
     distance from the middle, and pi `inner_radius`^2 the area by which its tension is kept as a pressure (`TENDON_AREA`).
     """
@@ -60,6 +61,7 @@ class Actuator:
     fluid_density: float = 1000.0
     bends: Literal["left", "right"] = "left"
     kind: Literal["tube", "rod", "rectangle", "custom"] = "tube"
+    keeps: Literal["middle", "side"] = "middle"
     width: float | None = None
     area: float | None = None
     second_moment: float | None = None
@@ -92,7 +94,12 @@ class Actuator:
 
     @property
     def offset(self) -> float:
-        """How far the centre line lies outside the hinge line (m): a tube bends about its side, a beam about its middle."""
+        """How far the centre line lies outside the hinge line (m): a tube bends about its side, a beam about the line that it keeps."""
+        return self.outer_radius if self.kind == "tube" or self.keeps == "side" else 0.0
+
+    @property
+    def bore_offset(self) -> float:
+        """By how much a tube's arc grows per angle (m), whose rubber leaves the bore wider then; a beam keeps its section: 0."""
         return self.outer_radius if self.kind == "tube" else 0.0
 
     @property
@@ -115,13 +122,13 @@ class Actuator:
 
     @property
     def bending_moment_of_area(self) -> float:
-        """Second moment of area (m^4) about the line that does not stretch: a tube's inextensible side, a beam's middle."""
+        """Second moment of area (m^4) about the line that does not stretch: an inextensible side, or a beam's middle."""
         if self.second_moment is not None:
             return self.second_moment
         outer, area = self.outer_radius, self.solid_area
         if self.kind == "tube":
             return float(np.pi / 4 * (outer**4 - self.inner_radius**4) + area * outer**2)
-        return area * outer**2 / (3.0 if self.kind == "rectangle" else 4.0)
+        return area * (outer**2 / (3.0 if self.kind == "rectangle" else 4.0) + self.offset**2)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields by name, in SI, as model.json keeps them."""

@@ -313,8 +313,8 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             remedy = "name the same ones in all experiments"
             refuse(item, "pressure", f"has the chambers {own}, '{first.name}' has {other}; {remedy}")
     both_ways = [item for item in experiments if {part.keys.sign for part in item.pressure.chambers} == {1, -1}]
-    if any(item.actuator.kind == "tube" for item in both_ways):
-        one_side = "a tube has its inextensible side on one side, and the chambers bend it to both"
+    if any(item.actuator.offset for item in both_ways):
+        one_side = "the body has its inextensible side on one side, and the chambers bend it to both"
         middle = "a section that bends about its middle is for example 'section: {kind: rod, chamber_area: 60 mm^2}'"
         of_all("actuator.section", f"{one_side}; {middle}", "warning")
     roles = {item.role for item in experiments}

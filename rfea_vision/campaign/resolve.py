@@ -211,7 +211,7 @@ def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, T
 
 #: What has no meaning for a body of this kind.
 _UNUSED = {
-    "tube": {"section.chamber_area", "section.tendon", "section.thickness", "section.width"},
+    "tube": {"section.chamber_area", "section.keeps", "section.tendon", "section.thickness", "section.width"},
     "rod": {"inner_radius", "section.thickness", "section.width"},
     "rectangle": {"inner_radius", "outer_radius"},
     "custom": {"inner_radius", "section.thickness", "section.width"},
@@ -250,7 +250,7 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
         area = section.chamber_area or (0.0 if section.tendon is None else TENDON_AREA)
         values["inner_radius"] = (area / pi) ** 0.5 or values["outer_radius"] / 2
     more: dict[str, Any] = section.model_dump(include={"kind", "width", "area", "second_moment", "tendon"})
-    return Actuator(**values, **more, material=part.material or "")
+    return Actuator(**values, **more, keeps=section.keeps or "middle", material=part.material or "")
 
 
 def _rig(parsed: ExperimentFile, actuator: Actuator, finder: Finder) -> RigSpec:

@@ -89,7 +89,8 @@ class SectionPart(_Part):
 
     A rod has its `outer_radius` from the actuator; a rectangle a `width` and a `thickness` (in the plane of motion); a custom
     section what is known of it. `chamber_area` is that on which a pressure acts, in a beam that has a chamber; where a tendon pulls,
-    `tendon` is its distance from the middle, and what is logged is its tension.
+    `tendon` is its distance from the middle, and what is logged is its tension. `keeps` says which line of a beam does not stretch:
+    its `middle`, or the `side` to which it bends, as of a finger with a strain-limiting layer.
     """
 
     kind: Literal["tube", "rod", "rectangle", "custom"] = "tube"
@@ -99,6 +100,7 @@ class SectionPart(_Part):
     second_moment: SecondMoment | None = None
     chamber_area: Area | None = None
     tendon: Length | None = None
+    keeps: Literal["middle", "side"] | None = None
 
 
 class RigAnglePart(_Part):

@@ -22,7 +22,7 @@ class Chain:
     force_along, force_across : point on which body forces act (the middle of the centre line)
     added_along : where along the body sits the mass that it gains as its joint bends: in the middle of the joint's arc
     position : material coordinate of each joint (0 clamp, 1 tip); arc : rest length that each joint stands for
-    offset : of the centre line from the hinge line (m)
+    offset : of the centre line from the hinge line (m); bore_offset : the same of a tube, and 0 of a beam, whose bore does not follow
     count : what makes a joint's angle the tube's: n for a tube, 1 for a general chain
     """
 
@@ -43,6 +43,7 @@ class Chain:
     inner_radius: float
     fluid_density: float
     polygon: bool = True
+    bore_offset: float = 0.004
 
     @classmethod
     def tube(cls, actuator: Actuator, segments: int, joints: Literal["middle", "start"] = "middle") -> Chain:
@@ -86,6 +87,7 @@ class Chain:
             inner_radius=actuator.inner_radius,
             fluid_density=actuator.fluid_density,
             polygon=joints == "start",
+            bore_offset=actuator.bore_offset,
         )
 
     @classmethod

@@ -222,9 +222,10 @@ def constants(
     tube_length: float,
     mirror: float,
     offset: float,
+    bore_offset: float,
     linear_density: float,
     opposed: float = 0.0,
 ) -> np.ndarray:
-    """The vector (9,) of constants, SI, in the order of `laws.CONSTANTS`; the last varies within a run of several chambers."""
-    tube = (count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, linear_density)
+    """The vector (10,) of constants, SI, in the order of `laws.CONSTANTS`; the last varies within a run of several chambers."""
+    tube = (count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, bore_offset, linear_density)
     return np.array([*tube, opposed])

@@ -36,7 +36,7 @@ FLUID_DENSITY = sp.Symbol("rho_f", positive=True)
 TUBE_LENGTH = sp.Symbol("tube_length", positive=True)
 LINEAR_DENSITY = sp.Symbol("mu", positive=True)
 MIRROR = sp.Symbol("mirror", real=True)
-OFFSET = sp.Symbol("offset", nonnegative=True)
+OFFSET, BORE_OFFSET = sp.symbols("offset bore_offset", nonnegative=True)
 X, Y, VX, VY = sp.symbols("x y vx vy", real=True)
 BODY_LENGTH = sp.Symbol("body_length", positive=True)
 IS_LAST = sp.Symbol("is_last", nonnegative=True)
@@ -46,7 +46,7 @@ ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
 OPPOSED = sp.Symbol("opposed", real=True)
 
 CONSTANTS: tuple[sp.Symbol, ...] = (
-    *(COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET, LINEAR_DENSITY),
+    *(COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET, BORE_OFFSET, LINEAR_DENSITY),
     OPPOSED,
 )
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
@@ -125,10 +125,10 @@ def _base_joint(effects: Sequence[Effect]) -> Joint:
         rubber = effect.rubber_volume(joint, rubber)
     joint.expressions["outer_radius"] = outer
     # Eq. InnerRadius: the rubber of one arc keeps its volume while the centre line grows by r_o theta;
-    # a beam, whose centre line is its hinge line, keeps its section.
+    # a beam keeps its section.
     closed = (OUTER**2 - INNER**2) * rubber / outer**2
     spare = OPEN_SHARE * (1 - closed)
-    inner = outer * sp.sqrt(1 - closed / kept_above(1 + OFFSET * THETA / ARC, closed + spare, spare / 2))
+    inner = outer * sp.sqrt(1 - closed / kept_above(1 + BORE_OFFSET * THETA / ARC, closed + spare, spare / 2))
     joint.expressions["inner_radius"] = inner
     stiffness: sp.Expr = BASE["k_ref"] + BASE["k_slope"] * (inner - INNER)
     for effect in effects:
@@ -144,9 +144,8 @@ def _base_joint(effects: Sequence[Effect]) -> Joint:
         for effect in effects:
             damping = effect.damping(joint, damping)
         ways.append(_kept_positive(damping, BASE[f"{way}_ref"]))
-    # A tube bends to the side of its bore: one damper bends it further, the other straightens it. A body that bends about its
-    # middle knows no side; it has one.
-    joint.expressions["damping"] = sp.Piecewise((ways[0], RATE >= 0), (ways[1], OFFSET > 0), (ways[0], True))
+    # A tube bends to the side of its bore: one damper bends it further, the other straightens it. A beam has one.
+    joint.expressions["damping"] = sp.Piecewise((ways[0], RATE >= 0), (ways[1], BORE_OFFSET > 0), (ways[0], True))
     return joint
 
 

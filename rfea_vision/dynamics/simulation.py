@@ -101,7 +101,7 @@ class Model:
         length = chain.base_length + chain.length.sum()
         radii = (chain.outer_radius, chain.inner_radius)
         density = chain.mass.sum() / chain.length.sum()
-        return constants(chain.count, *radii, chain.fluid_density, length, self.mirror, chain.offset, density)
+        return constants(chain.count, *radii, chain.fluid_density, length, self.mirror, chain.offset, chain.bore_offset, density)
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -167,7 +167,7 @@ class Model:
             with_base=law.changes("base_compliance"),
             with_line=law.changes("flow_resistance", "flow_inertance"),
             with_added=law.has_added_mass,
-            volume_rate=np.pi * self.chain.outer_radius**2 * self.chain.offset,
+            volume_rate=np.pi * self.chain.outer_radius**2 * self.chain.bore_offset,
         )
 
     def combined(self, par: FloatArray, excitation: Excitation) -> tuple[FloatArray, FloatArray | None]:

@@ -24,7 +24,7 @@ FORCE_LAW = types.FunctionType(void(MATRIX, VECTOR, VECTOR, VECTOR, CUBE))
 
 # Columns of `chain`
 LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS, ADDED_ALONG = range(8)
-OPPOSED = 8  # place in `con` of what all chambers' pressures are beyond the one that bends, written at every stage of a run
+OPPOSED = 9  # place in `con` of what all chambers' pressures are beyond the one that bends, written at every stage of a run
 # Columns of the joint law's output
 TAU, TAU_THETA, TAU_RATE, TAU_PRESSURE, ADDED, ADDED_THETA, FIXED = range(7)
 # Columns of `body`, the working array with one row per body (n + 2, BODY_COLUMNS). A joint's entry stands in the row of

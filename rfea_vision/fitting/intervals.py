@@ -206,6 +206,11 @@ def _sentences(
         if "bound" in parameter.note:
             bound = parameter.lower if "lower" in parameter.note else parameter.upper
             told = "the data ask for a value beyond what physics allows"
+            if name == "r_hyd":
+                told = (
+                    "the data ask for another lever than a body of this size has; are the pressure's unit and the area on which it "
+                    "acts right (actuator.inner_radius, of a beam actuator.section.chamber_area)?"
+                )
             if name in absent and absent[name] == bound:
                 told = "there the effect is absent; these data do not ask for it"
             out.append(f"{name} ended {parameter.note.split(':')[0]}: {told}.")

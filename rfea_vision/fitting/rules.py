@@ -27,8 +27,9 @@ def held_by_rule(items: Sequence[Observed], actuator: Actuator, segments: int) -
     fixed, said = {}, []
     if actuator.kind != "tube":
         fixed |= dict.fromkeys(UNUSED_BY_BEAMS, 0.0)
+        kept = "the side that keeps its length" if actuator.keeps == "side" else "its middle"
         said.append(
-            f"A {actuator.kind} bends about its middle and keeps its section: the incompressible bore of the paper does not "
+            f"A {actuator.kind} bends about {kept} and keeps its section: the incompressible bore of the paper does not "
             f"apply, so k_slope, b_pos_slope and b_neg_slope have no meaning and are 0. It has one damper, b_pos, to whichever "
             "side it moves; b_neg is not used."
         )

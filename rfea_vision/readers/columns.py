@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar", "millis": "ms", "micros": "us"}
+#: Columns that are called by their unit alone: a microcontroller's clocks, as the functions that read them, and pressures.
+_CALLED_BY_UNIT = ("millis", "micros", "Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi", "psig", "psia")
 """Spellings that no registry of units knows."""
 
 #: Share within which two units are the same: the nearest that are not, at and bar, differ by 2 %.
@@ -111,7 +113,7 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
     unit = rf"([A-Za-z°ºµ]+(?:{counted})?)"
     at_end, bracketed = rf"(?:_(?!(?i:atm?)\b)|\s*[\[(]){unit}[\])]?(?:\.\d+)?$", rf"[\[(]{unit}[\])]"
     written = [found[1] for found in (re.search(at_end, name), re.search(bracketed, name)) if found]
-    written += [name] * (name in ("millis", "micros"))  # a microcontroller's clocks, called as the functions that read them
+    written += [name] * (name in _CALLED_BY_UNIT)
     for found in [table.units[name]] if table.units.get(name) else written:
         found = _SIGNS.get(found, found)
         with contextlib.suppress(ValueError):

@@ -37,6 +37,8 @@ HEADERS = [
     ({"sample_t": TIME_S, "p_abs [kPa]": PRESSURE_kPa + 101.3, "p_atm [kPa]": np.full(400, 101.3)}, 5),
     ({"t": TIME_S, "p_psig": PRESSURE_kPa / 6.894757293168361}, 3),
     ({"millis": np.round(1e3 * TIME_S), "p_kPa": PRESSURE_kPa}, 2),
+    ({"time_ms": np.round(1e3 * TIME_S), "kPa": PRESSURE_kPa}, 2),
+    ({"millis": np.round(1e3 * TIME_S), "adc": np.round(20 * PRESSURE_kPa), "psi": PRESSURE_kPa / 6.894757293168361}, 2),
 ]
 
 

@@ -30,6 +30,23 @@ def test_chambers_are_read_with_their_signs(tmp_path):
     assert not read_campaign(folder).problems
 
 
+def test_a_finger_bends_about_the_side_that_keeps_its_length_and_not_to_both_sides(tmp_path):
+    folder = write_campaign(tmp_path / "c")
+    campaign = folder / "campaign.yaml"
+    tube = campaign.read_text()
+    flat = tube.replace("outer_radius: 4 mm, inner_radius: 3 mm, ", "")
+    section = "section: {kind: rectangle, width: 22 mm, thickness: 12 mm, chamber_area: 140 mm^2%s}, bends"
+    for keeps, offset in (("", 0.0), (", keeps: middle", 0.0), (", keeps: side", 0.006)):
+        campaign.write_text(flat.replace("bends", section % keeps))
+        finger = load_campaign(folder).experiment("steps").actuator
+        assert finger.offset == pytest.approx(offset) and finger.bore_offset == 0.0
+    _with_chambers(folder, {"steps": TWO_CHAMBERS, "sine": TWO_CHAMBERS})
+    campaign.write_text(flat.replace("bends", section % ", keeps: side"))
+    assert [problem.key for problem in read_campaign(folder).problems] == ["actuator.section"]
+    campaign.write_text(tube.replace("bends", "section: {keeps: side}, bends"))
+    assert read_campaign(folder).problems[0].key == "actuator.section.keeps"
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

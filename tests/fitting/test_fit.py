@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
+from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import _steady_start, fit, fit_base
-from rfea_vision.fitting.intervals import _unknown_from, intervals
+from rfea_vision.fitting.intervals import _sentences, _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.problem import make_model, make_problem, start_vector
@@ -147,6 +148,13 @@ def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campai
     told = [text for text in intervals(found, problem.train, actuator).sentences if " ended at its " in text]
     absent = [text for text in told if "there the effect is absent" in text]
     assert absent and all(text.startswith(("variable_mass.a ", "coulomb.tau_c ")) for text in absent)
+
+
+def test_a_lever_at_its_bound_asks_for_the_area_on_which_the_pressure_acts():
+    """Of a finger whose chamber was given too small it had been said that the data ask for what physics does not allow."""
+    lever = Parameter(value=0.0075, unit="m", lower=0.003, upper=0.0075, note="at its upper bound: no interval")
+    (told,) = _sentences({"r_hyd": lever}, np.eye(1), ["r_hyd"], [], {})
+    assert told.startswith("r_hyd ended at its upper bound: the data ask for another lever") and "chamber_area" in told
 
 
 def test_an_effect_that_the_base_had_absorbed_is_found(tmp_path):

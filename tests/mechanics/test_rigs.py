@@ -12,6 +12,7 @@ from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.errors import InputError
+from rfea_vision.fitting.camera_view import seen_by_camera
 
 BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
 MODULUS = 0.26e6
@@ -195,3 +196,26 @@ def test_a_spring_stiffens_with_the_pressures_on_both_sides():
     assert bend(1e5) == pytest.approx(bend(0.0) * (1 + 5e-6 * 4e4) / (1 + 5e-6 * (4e4 + 2e5)), rel=2e-3)
     alone = model.simulate(par, Excitation(0.0, 2e-3, step), frames).phi[0, -1]
     assert bend(0.0) == alone
+
+
+FLAT = Actuator(kind="rectangle", width=0.022, outer_radius=0.006, inner_radius=0.0067, length=0.07, mass_per_length=0.2)
+FINGER = replace(FLAT, keeps="side")
+
+
+def test_a_finger_with_a_layer_that_does_not_stretch_bends_about_it_and_keeps_its_chamber():
+    """Its middle grows by half its thickness times the bend, as a tube's does; the pressure's lever and the damper are a beam's."""
+    model = Model(Chain.tube(FINGER, 8), (), gravity=0.0)
+    par = np.array([0.2, 0.0, 6e-3, 0.0, 0.0, 0.0, 0.006])
+    bends = [model.steady(par, p).phi[-1] for p in (1e4, 3e4)]
+    assert bends[1] == pytest.approx(3 * bends[0]) and bends[1] == pytest.approx(8 * 3e4 * np.pi * 0.0067**2 * 0.006 / 0.2)
+    motion = model.simulate(par, Excitation(0.0, 1e-3, np.full(801, 3e4)), np.array([0.7]))
+    line = seen_by_camera(model, par, motion, np.linspace(0, 1, 400), [], np.array([3e4]))[0][0]
+    length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+    assert length == pytest.approx(FINGER.length + 0.006 * motion.phi[0, -1], rel=1e-4)
+    assert FINGER.bending_moment_of_area == pytest.approx(4 * FLAT.bending_moment_of_area)
+
+
+def test_the_damper_of_such_a_finger_knows_no_side():
+    """What stands for a second damper, of a tube that straightens, moves nothing."""
+    there, other = (_swung(0.6, rod=FINGER, other=other) for other in (0.0, 0.03))
+    np.testing.assert_array_equal(there.phi, other.phi)
