@@ -240,6 +240,8 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
         raise InputError("actuator.mass stands beside actuator.mass_per_length; keep one of the two")
     if part.mass is not None:
         values["mass_per_length"] = part.mass / part.length
+    if section.tendon is not None and section.keeps == "side":
+        raise InputError("actuator.section.keeps stands beside section.tendon, whose lever counts from the middle; leave it out")
     if section.tendon is not None and section.chamber_area is not None:
         raise InputError("actuator.section.tendon stands beside actuator.section.chamber_area; keep that of what acts")
     if section.kind == "rectangle":

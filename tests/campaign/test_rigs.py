@@ -45,6 +45,8 @@ def test_a_finger_bends_about_the_side_that_keeps_its_length_and_not_to_both_sid
     assert [problem.key for problem in read_campaign(folder).problems] == ["actuator.section"]
     campaign.write_text(tube.replace("bends", "section: {keeps: side}, bends"))
     assert read_campaign(folder).problems[0].key == "actuator.section.keeps"
+    campaign.write_text(flat.replace("bends", section.replace("chamber_area: 140 mm^2", "tendon: 5 mm") % ", keeps: side"))
+    assert read_campaign(folder).problems[0].message.startswith("stands beside section.tendon, whose lever counts from the middle")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.stages.warnings import is_doubt
 from rfea_vision.vision import advice, track_frames, trials
 from rfea_vision.vision.derive.shape import _length_check
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene
@@ -65,6 +66,17 @@ def test_a_body_that_stretches_is_compared_as_it_is_at_rest(of_body, doubted):
     hinge, scene = 80.0 * (1.0 + 0.14 * bend / 60.0), pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0))
     said = _length_check(hinge, bend, scene, of_body=of_body)["length_check"]
     assert "changes by +13" in said and ("against actuator.length" in said) == doubted
+
+
+@pytest.mark.parametrize(("kept_mm", "told"), [(12.0, True), (5.0, False)])
+def test_a_finger_that_bends_about_its_inner_side_is_told_which_key_says_so(kept_mm, told):
+    """A flat finger of 24 mm: its middle grows by 12 mm for each rad. It had been called one that stretches, and was fitted as such."""
+    bend = np.linspace(0.0, 150.0, 40)
+    scene = pointed_at(((108.0, 30.0), (132.0, 30.0)), (120.0, 200.0))
+    half_mm = scene.half_mm
+    flat = replace(scene, actuator=replace(scene.actuator, kind="rectangle", width=0.02))
+    said = _length_check(flat.length_mm + kept_mm / 12.0 * half_mm * np.radians(bend), bend, flat, of_body=True)["length_check"]
+    assert ("'keeps: side' in actuator.section" in said) == told and is_doubt("length_check", said) == told
 
 
 SAID = "the inextensible side keeps its length within 0.1 % over all postures; it measures +20.0 % against actuator.length: check"

@@ -31,6 +31,9 @@ AS_RULER = (
     "inextensible inner side as ruler, constant half width: "
     "centre-line over hinge-side length minus one is half width times curvature"
 )
+#: Share by which the middle may grow otherwise than by half the thickness per rad where an inner side is told to keep it: scale
+#: and thickness are known to a tenth each, and a layer gives a little.
+AS_ABOUT_SIDE = 0.25
 NO_RULER = "absent: a beam bends about its middle, and how its parts stretch is told by marks on it alone"
 
 Derived = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
@@ -322,6 +325,9 @@ def _length_check(hinge: FloatArray, bend: FloatArray, scene: Scene, *, of_body:
         said = f"the {line} changes by {change:+.1f} % with the bend"
         tilted = ", as one that stretches does, or one in a plane that is tilted"
         said += tilted if may_stretch else ": suspect plane tilt, lens or scale"
+        # a body whose inner side keeps its length has a middle that grows by half its thickness for each rad
+        if not scene.hinge_mm and abs(np.degrees(slope) / scene.half_mm - 1) < AS_ABOUT_SIDE:
+            said += ", or one that bends about a layer on its inner side that does not stretch ('keeps: side' in actuator.section)"
     if abs(off) > 3.0:
         scales = "the board's square (or camera.scale)"
         checked = "the length, and that camera.clamp and camera.tip are its ends"
