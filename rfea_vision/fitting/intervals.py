@@ -208,8 +208,8 @@ def _sentences(
             told = "the data ask for a value beyond what physics allows"
             if name == "r_hyd":
                 told = (
-                    "the data ask for another lever than a body of this size has; are the pressure's unit and the area on which it "
-                    "acts right (actuator.inner_radius, of a beam actuator.section.chamber_area)?"
+                    "the data ask for another lever than a body of this size has: where no effect that is missing does so, check the "
+                    "pressure's unit and the area on which it acts (actuator.inner_radius, of a beam actuator.section.chamber_area)"
                 )
             if name in absent and absent[name] == bound:
                 told = "there the effect is absent; these data do not ask for it"
