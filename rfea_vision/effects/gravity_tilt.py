@@ -14,7 +14,7 @@ class GravityTilt(Effect):
     title = "Gravity tilted in the plane"
     reference = "rotation of the gravity vector"
     shows = "a sideways lean at rest that grows softer as the tube stiffens or bends"
-    mistaken_for = "rest_curvature (which scales with stiffness, not with mass), a camera that is not level"
+    mistaken_for = "rest_curvature (which scales with stiffness, not with mass), camera_roll (which moves every point by one angle)"
     imitated_by = "a steady pull to the side (a wind, a hose, a cable)"
     split_by = "a plumb line in the picture, or the same run with a payload"
     kind = "load"

@@ -185,11 +185,16 @@ def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture
     )
 
 
-def misread_plane(points_mm: FloatArray, hidden: Mapping[str, float]) -> FloatArray:
-    """What a wrong scale or a tilted plane makes of true points (..., 2) in mm: `camera_scale` and `plane_tilt`."""
+def misread_plane(points_mm: FloatArray, hidden: Mapping[str, float], mirror: float) -> FloatArray:
+    """What a wrong scale, a tilted plane or a rolled camera makes of true points (..., 2) in mm.
+
+    `hidden` is that of `camera_scale`, `plane_tilt` and `camera_roll`, `mirror` -1 where the tube bends to the right, else 1.
+    """
     metres = points_mm * 1e-3
     factor = 1 + hidden.get("plane_tilt.a", 0.0) * metres[..., 0] + hidden.get("plane_tilt.b", 0.0) * metres[..., 1]
-    return points_mm * ((1 + hidden.get("camera_scale.s", 0.0)) * factor)[..., None]
+    sized = points_mm * ((1 + hidden.get("camera_scale.s", 0.0)) * factor)[..., None]
+    roll = mirror * hidden.get("camera_roll.angle", 0.0)
+    return np.asarray(sized @ np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]]))
 
 
 def noise_like(shape: tuple[int, ...], sigma: float, correlation: float, generator: np.random.Generator) -> FloatArray:

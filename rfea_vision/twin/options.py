@@ -70,6 +70,7 @@ HIDDEN: dict[str, HiddenParameter] = {
     "time_offset.dt": HiddenParameter("s"),
     "clock_drift.d": HiddenParameter("1"),
     "camera_scale.s": HiddenParameter("1"),
+    "camera_roll.angle": HiddenParameter("rad"),
     "plane_tilt.a": HiddenParameter("1/m"),
     "plane_tilt.b": HiddenParameter("1/m"),
     # in no catalogue

@@ -214,7 +214,7 @@ class Studio:
         believed = (centre + (points - middle) * [1.0, -1.0]) @ self.level
         true = believed
         for _ in range(8):  # undo the misreading: contracts fast, as its errors are small
-            true = true + believed - misread_plane(true, self.options.hidden)
+            true = true + believed - misread_plane(true, self.options.hidden, self.options.actuator.mirror)
         return self.camera.project_plane(true)
 
     def _write_photo(self, path: Path, project: Callable[[FloatArray], FloatArray]) -> None:

@@ -217,7 +217,7 @@ def write_track(
         if options.observe == "midline":
             fraction = np.linspace(0.0, 1.0, NODES)
             names = [f"{axis}{node:02d}_mm" for node in range(NODES) for axis in "xy"]
-        points = misread_plane(posture.line(fraction)[0], options.hidden)
+        points = misread_plane(posture.line(fraction)[0], options.hidden, options.actuator.mirror)
         points = points + noise_like(points.shape, options.noise_mm, options.noise_correlation, generator)
         columns = dict(zip(names, points.reshape(camera_s.size, -1).T, strict=True))
         columns["sigma_mm"] = np.full(camera_s.size, options.noise_mm)

@@ -22,6 +22,7 @@ STRENGTHS = {
     "com_offset.a": 0.8,
     "rest_curvature.angle": 0.1,
     "plane_tilt.a": 0.4,
+    "camera_roll.angle": 0.02,
     "stiffness_profile.a1": 0.15,
     "pressure_offset.p0": 3e3,
 }

@@ -21,7 +21,7 @@ from tests.hostile import PAYLOADS
 
 TIME = np.arange(0, 0.8, 1e-3)
 PRESSURE = np.interp(TIME, [0, 0.05, 0.2, 0.4, 0.5, 0.8], [10e3, 10e3, 180e3, 180e3, 60e3, 120e3])
-OUTSIDE = {"camera_scale", "plane_tilt", "time_offset", "clock_drift"}
+OUTSIDE = {"camera_scale", "camera_roll", "plane_tilt", "time_offset", "clock_drift"}
 
 # Together they touch every part of the runtime: states, body forces, a compliant clamp, a line, one joint only.
 MODELS = {

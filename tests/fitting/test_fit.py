@@ -177,7 +177,7 @@ def test_an_interval_wider_than_what_physics_allows_is_none():
     assert 1e-3 < _unknown_from(2e-3, 0.0, None) < 1.0 and _unknown_from(0.0, None, None) == np.inf
 
 
-@pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale"])
+@pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale", "camera_roll"])
 def test_jacobian_is_exact_with_the_origin_eliminated(complete_campaign, effect):
     """By the parameters of the tube, of the effects between the tube and the file, and by the clock of a run."""
     recordings, actuator, _ = complete_campaign

@@ -140,9 +140,13 @@ def test_camera_effects_change_what_is_seen(tmp_path: Path) -> None:
     simulate(tmp_path / "plain", TwinOptions(seed=8, noise_mm=0.0, **QUICK))
     simulate(tmp_path / "large", TwinOptions(hidden={"camera_scale.s": 0.01}, seed=8, noise_mm=0.0, **QUICK))
     simulate(tmp_path / "tilted", TwinOptions(hidden={"plane_tilt.b": 0.2}, seed=8, noise_mm=0.0, **QUICK))
-    plain, large, tilted = (table(tmp_path / name).to_numpy()[:, 1:-1] for name in ("plain", "large", "tilted"))
+    simulate(tmp_path / "rolled", TwinOptions(hidden={"camera_roll.angle": 0.02}, seed=8, noise_mm=0.0, **QUICK))
+    plain, large, tilted, rolled = (table(tmp_path / name).to_numpy()[:, 1:-1] for name in ("plain", "large", "tilted", "rolled"))
     assert large == pytest.approx(1.01 * plain, abs=2e-4)
     y = plain[:, 1::2]
+    turned = (plain[:, 0::2] + 1j * y) * np.exp(-0.02j)
+    assert turned[:, -1].real.mean() < plain[:, -2].mean() < 0.0, "it is turned to where it bends"
+    assert rolled[:, 0::2] + 1j * rolled[:, 1::2] == pytest.approx(turned, abs=3e-4)
     assert tilted[:, 1::2] == pytest.approx(y * (1 + 0.2e-3 * y), abs=2e-4)
 
 

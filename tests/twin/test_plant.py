@@ -142,7 +142,7 @@ STRENGTHS: dict[str, dict[str, float]] = {
     "heavy_section": {"heavy_section.m": 1e-3},
     "kink": {"kink.c": 0.3},
 }
-MEASURED = {"time_offset", "clock_drift", "camera_scale", "plane_tilt"}  # effects on the measurement: test_campaign.py
+MEASURED = {"time_offset", "clock_drift", "camera_scale", "camera_roll", "plane_tilt"}  # effects on the measurement: test_campaign.py
 
 
 def quick_tip_mm(hidden: dict[str, float]) -> np.ndarray:
