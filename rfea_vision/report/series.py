@@ -46,7 +46,7 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     rows, columns = pack.rows(len(time), MOST_SAMPLES), pack.rows(len(time), MOST_COLUMNS)
     poses = _pose_rows(experiment, data, pack)
     record |= {"span": [float(time[0]), float(time[-1])], "t": pack.add(time[rows]), "tc": pack.add(time[columns])}
-    record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of")}
+    record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of"), "turned": _turned(data)}
     for key, name, chosen in (
         ("tip", "tip", rows), ("tip_sigma", "tip_sigma", rows), ("angle", "bend_angle", rows), ("midline", "midline", poses),
         ("edges", "edges", poses), ("elongation", "elongation", columns), ("elongation_sigma", "elongation_sigma", columns),
@@ -81,6 +81,16 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         }
         record["clip"] |= {"frames": len(experiment.clip_info["times_s"]), "step": _clip_step(experiment, pack)}
     return record
+
+
+def _turned(data: xr.Dataset) -> str:
+    """That the picture is not as the rig stood, in the reader's words; empty where the tube hangs, or nothing pulls in its plane."""
+    down = np.deg2rad(float(data.attrs.get("gravity_deg", 0.0)))
+    if np.cos(down) > np.sqrt(0.5):
+        return ""
+    aside = "left" if (np.sin(down) > 0) == (data.attrs.get("bends") != "right") else "right"
+    way = "up" if np.cos(down) < -np.sqrt(0.5) else f"to the {aside}"
+    return f"Drawn with the tube at rest pointing down: gravity points {way} here."
 
 
 def _lacking(run: str, name: str, data: xr.Dataset) -> str:

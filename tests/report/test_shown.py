@@ -15,7 +15,7 @@ import av
 import pytest
 import xarray as xr
 
-from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
+from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit, Recording
 from rfea_vision.artefacts.judgement import WorstPlace
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import page, render, render_index
@@ -29,6 +29,24 @@ from rfea_vision.report.series import pack_prediction
 from testing.report.sample import RUNGS
 from testing.report.small import TWO, only_angles
 from tests.report.test_render import page_of, words
+
+
+DRAWN = (
+    *((0, "left", None), (30, "left", None), (180, "left", "up"), (-170, "right", "up")),
+    *((90, "left", "to the left"), (90, "right", "to the right"), (-90, "left", "to the right")),
+)
+
+
+@pytest.mark.parametrize(("gravity_deg", "bends", "way"), DRAWN)
+def test_a_rig_that_does_not_hang_is_said_to_be_drawn_as_if_it_did(small: Path, tmp_path: Path, gravity_deg, bends, way) -> None:
+    """A finger that stood on a bench was shown head down, and no word said so."""
+    folder = Path(shutil.copytree(small, tmp_path / "tube" / "rfea"))
+    for path in folder.glob("*/recording.nc"):
+        data = read_dataset(path)
+        Recording(data.assign_attrs(gravity_deg=float(gravity_deg), bends=bends)).save(path)
+    manifest = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", page_of(folder), re.S)[1])  # type: ignore[index]
+    told = {run["turned"] for run in manifest["experiments"]}
+    assert told == {f"Drawn with the tube at rest pointing down: gravity points {way} here." if way else ""}
 
 
 def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ function paintStage() {
   const film = stage.films.get(e.name);
   const alone = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
   const slowed = slower() > 1 ? `Plays ${+slower().toPrecision(2)} times slower than it went.` : "";
-  document.getElementById("stage-note").textContent = [alone, slowed].filter(Boolean).join(" ");
+  document.getElementById("stage-note").textContent = [alone, e.turned, slowed].filter(Boolean).join(" ");
 }
 
 // The last rung of the ladder, where it is not the one that is shown: the cure beside what it cures.
