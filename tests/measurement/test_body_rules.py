@@ -83,7 +83,7 @@ def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
     assert follower.next(picture, 0.0) == ""
     lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body
     body = replace(body, points=body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0]))
-    seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
+    seen, rays = np.zeros((STATIONS, 2), bool), np.full(7, np.nan)
     stray = Fit(body, 1e-3 * np.eye(25), seen, np.zeros(STATIONS), rays, ())
     told = []
     for follower.missed, follower.refusal in ((0, ""), (4, "no_fit: folded"), (4, "touches_border: the tip")):
@@ -145,10 +145,10 @@ def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
     assert np.abs(np.cumsum(turns)).max() < 1.0
 
 
-def as_first(body, share=1.0):
-    """What was seen of a body in the first frame: all of it, or a share of its inside."""
+def as_first(body):
+    """What was seen of a body in the first frame: all of it."""
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    return Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, ())
+    return Fit(body, 1e-3 * np.eye(25), everywhere, np.ones(STATIONS), rays, ())
 
 
 def test_a_line_that_turns_within_its_width_is_folded_and_where_is_said():
@@ -242,21 +242,6 @@ def test_what_a_frame_shows_is_more_than_chance_however_little_the_first_one_did
     seen = np.column_stack([left > SHARES, SHARES < 0.08])
     fit = Fit(body, 1e-3 * np.eye(25), seen, np.ones(STATIONS), np.full(7, np.nan), ())
     assert refused(first, fit) == says
-
-
-@pytest.mark.parametrize(
-    ("first_share", "share", "says"),
-    [(0.66, 0.6, ""), (0.66, 0.4, "40 %"), (1.0, 0.6, "60 %"), (None, 0.6, ""), (None, 0.4, "40 %")],
-)
-def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first_share, share, says):
-    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
-    body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
-    first = First(180.0, body.half, (200, 160), 100.0, 1.8, None)
-    if first_share is not None:
-        first.fit = as_first(body, first_share)
-    everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    fit = Fit(body, 1e-3 * np.eye(25), everywhere, np.full(STATIONS, share), rays, ())
-    assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
 
 
 def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():

@@ -22,11 +22,8 @@ from rfea_vision.vision.find.begin import digits_of
 MIDDLES = slice(STATIONS // PIECES // 2, None, STATIONS // PIECES)  # of five pieces along the body
 INNER = np.abs(ACROSS_TEXTURE) < 0.7  # half widths: what lies farther out is read with an edge
 # Limits of the table at the end, set on the even scenes of testing/phone.py, that of the last body width on scene 7.
-# Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it); most of the
-# last body width, and of the last fifth, does, or has its edges; and most of what lies beyond the end does not.
+# Most of the last body width, and of the last fifth, looks like the body or has its edges; most of what lies beyond the end does not.
 MOST = 0.5
-# Of what of the inside looked like the body in the first frame so much still does.
-STILL = 0.65
 # Of the length: what holds for less than that in one piece may be chance, and so much of the line may lie where the hints forbid it.
 PIECE = 0.1
 # Times as long as wide. Chosen between 1.2 and 1.8: of filmed bodies of 1.0, 1.0 and 1.2 none was followed well, one of 1.8 was.
@@ -37,7 +34,6 @@ FIRST_SEEN = 0.25
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 # Likewise of its width: a muscle's braid opens to 2.4 times its width at most, from 20 to 54.7 degrees; silicone arms swelled to 1.8.
 WIDTHS = (0.5, 2.4)
-GATHERED = 0.4  # of a line's length, between two of its points: so near to each other it folds
 FOLDED = "the line that fits is folded"
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
@@ -98,11 +94,6 @@ def _squat(first: First, fit: Fit) -> str:
     """Of a body about as long as wide the edges do not say which way its line goes."""
     slender = fit.body.length / (2.0 * float(middle(fit.body.half)))
     return "" if first.fit is not None or slender >= LEAST_SLENDER else f"it is {slender:.1f} times as long as wide"
-
-
-def _unlike(first: First, fit: Fit) -> str:
-    share, least = float(np.mean(fit.backing)), MOST if first.fit is None else STILL * float(np.mean(first.fit.backing))
-    return "" if share >= least else f"{100 * share:.0f} % of what is there looks like the tube"
 
 
 def _short(first: First, fit: Fit) -> str:
@@ -173,18 +164,15 @@ def _width(first: First, fit: Fit) -> str:
 
 
 def _folded(first: First, fit: Fit) -> str:
-    """A body does not bend within its own width, nor gather in one place."""
+    """A body does not bend within its own width."""
     step = fit.body.length / (STATIONS - 1)
     span = int(np.clip(float(middle(fit.body.half)) / step, 2, STATIONS // 4))
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
     sharp = (bend * fit.body.half[span:-span])[span:]  # nearer to the clamp edges count less
-    gathered = np.linalg.norm(chords, axis=1) / (span * step)
-    if sharp.max() < SHARPEST and gathered.min() > GATHERED:
-        return ""
-    place = SHARES[int(np.argmax(sharp)) + 2 * span if sharp.max() >= SHARPEST else int(np.argmin(gathered)) + span // 2]
-    return f"{FOLDED}, {place * first.length_mm:.{digits_of(first.length_mm)}f} mm from the clamp"
+    place = SHARES[int(np.argmax(sharp)) + 2 * span] * first.length_mm
+    return "" if sharp.max() < SHARPEST else f"{FOLDED}, {place:.{digits_of(first.length_mm)}f} mm from the clamp"
 
 
 def _border(first: First, fit: Fit) -> str:
@@ -200,7 +188,6 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("touches_border", _border),
     ("no_fit", _squat),
     ("no_fit", _folded),
-    ("no_tube", _unlike),
     ("no_tube", _nothing),
     ("no_fit", _short),
     ("edge_lost", _edges),
@@ -211,7 +198,7 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
 )
 
 
-LOOKS = _unlike, _nothing, _short, _edges, _beyond  # those of them that ask whether it looks like the body
+LOOKS = _nothing, _short, _edges, _beyond  # those of them that ask whether it looks like the body
 
 
 def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
