@@ -30,10 +30,9 @@ MOST = 16
 # patches on seven drawn bodies without marks 0.5 to 4, on an eighth with a hose at its end 11 and 20.
 STANDS_OUT = 5.0
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
-SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark;
-RUNG_SIZES = (0.3, 2.5)  # a thin disc is blurred by its way, and fades
-REACH = 2.0  # half widths around its predicted place; faster than that no skin is recognised either,
-RUNG_REACH = 3.0  # but flow may slip by a disc of an arm
+# Area over that of the first frame: less is half covered, more runs into another mark; a thin disc is blurred by its way, and fades.
+SIZES = (0.3, 2.5)
+REACH = 3.0  # half widths around its predicted place: flow may slip by a disc of an arm
 # Between two marks, 1 s.d., chosen: rad by which a predicted line may be turned, share by which it may stretch from frame to frame; and
 # standard deviations that a mark which is not seen costs. In a row of discs the next one is off by all of their distance.
 TURNED, STRETCHED, UNSEEN = 0.2, 0.1, 3.0
@@ -207,9 +206,8 @@ def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, last: SeenBody
     half, marks = float(middle(body.half)), sorted(marks, key=lambda mark: mark.share)
     numbers, places, found = [0], [body.points[0]], list[SeenMark]()
     for number, mark in enumerate(marks, 1):
-        (least, most), reach = (RUNG_SIZES, RUNG_REACH) if mark.spans else (SIZES, REACH)
-        for patch in _patches(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach * half, wall):
-            if least < patch.area / mark.area < most:
+        for patch in _patches(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), REACH * half, wall):
+            if SIZES[0] < patch.area / mark.area < SIZES[1]:
                 found.append(SeenMark(mark, patch.place, EDGE_PX + MARK_SHARE * float(np.sqrt(patch.area / np.pi))))
                 numbers, places = [*numbers, number], [*places, patch.place]
     expected, known = (np.array([on.points[0], *(place_of(mark, on) for mark in marks)])[numbers] for on in (body, last))
