@@ -30,7 +30,6 @@ from testing.report.sample import RUNGS
 from testing.report.small import TWO, only_angles
 from tests.report.test_render import page_of, words
 
-
 DRAWN = (
     *((0, "left", None), (30, "left", None), (180, "left", "up"), (-170, "right", "up")),
     *((90, "left", "to the left"), (90, "right", "to the right"), (-90, "left", "to the right")),
