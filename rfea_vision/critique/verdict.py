@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rfea_vision.artefacts.judgement import TRACK_UNCERTAIN, EffectSet, Remainder, Tie, undecided
-from rfea_vision.artefacts.rows import STATED_ERRORS, GoesWith
+from rfea_vision.artefacts.rows import LEFT_BY_A_MODEL, STATED_ERRORS, GoesWith
 from rfea_vision.critique.floors import left_by_a_model
 from rfea_vision.critique.measures import MATTERS_SHARE, STRUCTURE_FLOORS, matters, motion
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
@@ -241,7 +241,8 @@ def _complete(search: Search, found: Verdict) -> str:
     which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
         far = ", as far as the held-out runs ask" if found.asks_less else ""
-        text = f"Nothing is missing that matters{far}: the {which} is {held} {unit}, the floor {floor} {unit}.{_of_calibration(search)}"
+        text = f"Nothing is missing that matters{far}: the {which} is {held} {unit}, the floor {floor} {unit}."
+        text += _of_calibration(search) + _of_repeats(search)
     else:
         text = f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
     if found.asks_less:
@@ -265,6 +266,20 @@ def _of_calibration(search: Search) -> str:
     return (
         f" Most of that floor is what the calibration may be off by, {rounded(typical)} mm, alike in every frame: effects that move "
         "the tip by less than the floor are neither found nor ruled out. A better scale (a board, or four points around it) lowers it."
+    )
+
+
+def _of_repeats(search: Search) -> str:
+    """Say of a floor that is a model's own error how far below it runs that repeat agree; empty where they do not."""
+    problem = search.trials.problem
+    if search.floors.source != LEFT_BY_A_MODEL or not any(item.repeat_of for item in problem.scored):
+        return ""
+    again = search.floors.irreproducible
+    if again is None or again > STRUCTURE_FLOORS * search.floor:
+        return ""
+    return (
+        f" Runs that repeat agree to {rounded(again)} {search.floors.unit}, and that floor is what a model leaves of its worst run: "
+        "what lies between is the track's own error, alike in both, or an effect that is neither found nor ruled out."
     )
 
 

@@ -305,6 +305,18 @@ def test_a_floor_that_is_a_ruler_s_is_said_to_hide_what_is_below_it(monkeypatch,
     assert ("may be off by, 1.70 mm, alike in every frame: effects that" in found.sentence) == told
 
 
+@pytest.mark.parametrize(
+    ("agree_mm", "source", "told"), [(0.15, LEFT_BY_A_MODEL, True), (1.2, LEFT_BY_A_MODEL, False), (0.15, "", False)]
+)
+def test_repeats_that_agree_far_below_a_models_own_error_are_told(monkeypatch, agree_mm, source, told):
+    """A finger's model was complete at 1.49 mm, what it left itself, with a gain of ten; two runs alike agreed to 0.15 mm."""
+    search, rows = _at_floor(monkeypatch, 1.29, 1.49, source)
+    search.floors.irreproducible = agree_mm
+    search.trials.problem.scored[0].repeat_of = "steps"
+    found = decide(search, rows)
+    assert found.verdict == "complete" and ("Runs that repeat agree to 0.150 mm, and that floor is" in found.sentence) == told
+
+
 def test_what_is_named_over_a_refused_fit_stays_named_and_the_reason_comes_first(monkeypatch):
     search, rows = _at_floor(monkeypatch, 9.0, 0.1, "standard errors of the track", ("maxwell",))
     found = decide(search, rows, "Refused: the fit ran away, b_neg_ref is 50 times what a tube has; is it one?")
