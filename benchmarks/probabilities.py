@@ -32,9 +32,12 @@ from rfea_vision.fitting.problem import make_problem
 FOLDER = Path(__file__).parent / "probabilities"
 RESULTS = FOLDER / "results.jsonl"
 #: Counts made since an imitated effect keeps less than 0.9: its number comes from those before.
-SINCE_IMITATED = ("imitated.jsonl", "rivals.jsonl", "steps.jsonl", "third_order.jsonl", "exact_starts.jsonl", "single_leaps.jsonl")
+SINCE_IMITATED = (
+    *("imitated.jsonl", "rivals.jsonl", "steps.jsonl", "third_order.jsonl", "exact_starts.jsonl", "single_leaps.jsonl"),
+    "every_form.jsonl",
+)
 #: Seeds that the rule was calibrated on, and those that are run once. All below the latter were looked at since.
-CALIBRATED, UNSEEN = range(1301, 1341), range(2802, 3052)
+CALIBRATED, UNSEEN = range(1301, 1341), range(2932, 3182)
 
 
 def run_case(
@@ -163,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.write(sweep(read_results(FOLDER / "calibration.jsonl")) + "\n" + imitations(every) + "\n")
         return 0
     if given.tables:
-        write_text(DOCUMENT, document(read_results(given.to)))
+        write_text(DOCUMENT, document(read_results(given.to), given.to.name))
         diagram(read_results(given.to))
         return 0
     run_all(given.plant, (CALIBRATED if given.calibrate else UNSEEN)[: given.count], given.to)

@@ -19,18 +19,21 @@ LEAST_FLOORS = 2**0.5
 _CALIBRATED_ON = "156 earlier campaigns (`calibration.jsonl`: `--sweep`)"
 
 
-def document(lines: Sequence[Line]) -> str:
-    """The whole page."""
+def document(lines: Sequence[Line], source: str) -> str:
+    """The whole page of the lines of a file of such a name."""
     done = [line for line in lines if "error" not in line]
     each = {line["key"]: claims(line) for line in done}
     commits = ", ".join(dict.fromkeys(line["commit"] for line in lines))
     parts = [
         "# Probabilities, counted\n",
-        "Written by `python -m benchmarks.probabilities --tables` from `benchmarks/probabilities/results.jsonl` and nothing else.\n",
+        f"Written by `python -m benchmarks.probabilities --tables --to benchmarks/probabilities/{source}`, from that file and\n"
+        "nothing else.\n",
         f"{len(lines)} campaigns at commit {commits}, drawn before the method was finished and run once. The free numbers of the\n"
-        f"rule (in [critique.md](critique.md)) were chosen on {_CALIBRATED_ON}, not on these. Half of what is hidden is drawn from\n"
-        "the twin, half from a second plant (`other`) that shares no code with model or twin, and whose laws have other forms than\n"
-        "the catalogue's. All that was hidden counts, also what is too weak to be seen.\n",
+        f"rule (in [critique.md](critique.md)) were chosen on {_CALIBRATED_ON}, not on these.\n"
+        f"{_share(lines, 'twin')} are drawn from the twin, {_share(lines, 'other')} from a second plant (`other`) that shares no "
+        "code with model or twin, and whose laws\n"
+        "have other forms than the catalogue's. All that was hidden counts, also what is too weak to be seen. A `kink` is a weak\n"
+        "ring, counted as outside of the catalogue though `stiffness_profile:spot` is its formula.\n",
         "![How often a probability was right](probabilities.svg)\n",
         _counts("Both plants", done, each),
         *(
@@ -63,6 +66,10 @@ def diagram(lines: Sequence[Line], path: Path = DIAGRAM) -> None:
             axes.annotate(f"{len(rows)}", (mean, right / len(rows)), (5, -10), textcoords="offset points", fontsize=8)
     with mpl.rc_context({"svg.hashsalt": "rfea"}):
         figure.savefig(path, metadata={"Date": None})
+
+
+def _share(lines: Sequence[Line], plant: str) -> int:
+    return sum(line["plant"] == plant for line in lines)
 
 
 def _plants(lines: Sequence[Line]) -> list[str]:
