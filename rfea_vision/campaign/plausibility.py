@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray, stretches
 from rfea_vision.artefacts.measurement import TENSION_kPa, bend_sign
 from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
+from rfea_vision.campaign.tension import of_tension
 from rfea_vision.campaign.tracked import across, begins_at, lengths, motion_of, swing, valid_rows
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
@@ -81,7 +82,7 @@ def of_pressure(log: PressureLog) -> list[str]:
     pressure_kPa = log.pressure_kPa
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
     if log.tendon:  # a force, to which no size of a pressure applies
-        return _of_tension(pressure_kPa / TENSION_kPa)
+        return of_tension(pressure_kPa / TENSION_kPa)
     high = np.abs(pressure_kPa) > _HIGH_KPA
     if 0 < high.mean() < _FEW:
         text = f"reaches {highest:.6g} kPa, in {high.sum()} of {len(pressure_kPa)} rows only"
@@ -104,16 +105,6 @@ def of_pressure(log: PressureLog) -> list[str]:
     if len(steps) > 20 and np.ptp(steps) < 1e-3 * abs(float(steps.mean())):
         return ["rises by the same amount in every row, as a clock does; is it the column of time?"]
     return of_standstill(pressure_kPa)
-
-
-def _of_tension(tension_N: FloatArray) -> list[str]:
-    """Doubt the tension of a tendon (rows,): it pulls, and changes."""
-    lowest, highest = float(tension_N.min()), float(tension_N.max())
-    if lowest == highest:
-        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
-    if -lowest > max(highest, 0.0):
-        return ["is below zero where it is largest, and a tendon only pulls; is its sign turned in the log?"]
-    return of_standstill(tension_N, "N")
 
 
 def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:

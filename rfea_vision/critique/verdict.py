@@ -19,7 +19,7 @@ from rfea_vision.units import rounded
 
 #: Sets that are written down, and effects that one tie may hold where fewer than all of it are likely.
 MOST_SETS, MOST_TIED = 12, 3
-#: A floor that is more than so many times what no calibration vouches for (0.2 % of the length) is a coarse one. Chosen.
+#: A floor of more than so many times what no calibration vouches for (0.02 % of the length) is a coarse one. Chosen.
 COARSE = 10.0
 
 

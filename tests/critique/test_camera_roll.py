@@ -33,7 +33,7 @@ def run(name: str, role: str, seed: int, roll: float) -> Recording:
 
 @pytest.mark.parametrize("roll", [0.0, 0.007, -0.02])
 def test_a_camera_that_is_not_level_is_named_and_one_that_is_is_not(roll: float) -> None:
-    """0.007 rad are 0.4 degrees: of a tendon's arm they had been called a bend at rest that varies along it, at 84 %."""
+    """0.007 rad are 0.4 degrees: 0.5 of a tendon's arm had been called a bend at rest that varies along it, at 84 %."""
     runs = {name: run(name, role, seed, roll) for seed, (name, role) in enumerate(ROLES.items())}
     problem = make_problem(runs, Actuator())
     candidates = ("camera_roll", "gravity_tilt", "rest_curvature", "rest_curvature_profile", "base_rotation")
