@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray, stretches
 from rfea_vision.artefacts.measurement import TENSION_kPa, bend_sign
-from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
-from rfea_vision.campaign.tension import of_tension
+from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill, of_tension
 from rfea_vision.campaign.tracked import across, begins_at, lengths, motion_of, swing, valid_rows
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted

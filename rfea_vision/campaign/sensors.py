@@ -92,3 +92,13 @@ def of_standstill(pressure_kPa: FloatArray, unit: str = "kPa") -> list[str]:
         f"and elsewhere scatters by {noise:.2g} {unit}; did the sensor or the logger hang, or a plug come off? Take the run anew, or "
         "cut it before that"
     ]
+
+
+def of_tension(tension_N: FloatArray) -> list[str]:
+    """Doubt the tension of a tendon (rows,): it pulls, and changes."""
+    lowest, highest = float(tension_N.min()), float(tension_N.max())
+    if lowest == highest:
+        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
+    if -lowest > max(highest, 0.0):
+        return ["is below zero where it is largest, and a tendon only pulls; is its sign turned in the log?"]
+    return of_standstill(tension_N, "N")

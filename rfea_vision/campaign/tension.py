@@ -1,11 +1,9 @@
-"""The tension of a tendon: a column told by its header, in newtons where none is in a unit of pressure, and what is odd in it."""
+"""A column that is the tension of a tendon, told by its header: a log in newtons, where none in a unit of pressure is."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rfea_vision.arrays import FloatArray
-from rfea_vision.campaign.sensors import of_standstill
 from rfea_vision.readers.columns import said_unit
 from rfea_vision.readers.kinds.base import Table
 
@@ -24,13 +22,3 @@ def tension_of(table: Table, measured: Sequence[str], called: Sequence[str]) -> 
         return None
     others = f"; there are also {', '.join(found[1:4])}: of several tendons, make this a list" * (len(found) > 1)
     return found[0], f"its header names a force: the tension of a tendon?{others}"
-
-
-def of_tension(tension_N: FloatArray) -> list[str]:
-    """Doubt the tension of a tendon (rows,): it pulls, and changes."""
-    lowest, highest = float(tension_N.min()), float(tension_N.max())
-    if lowest == highest:
-        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
-    if -lowest > max(highest, 0.0):
-        return ["is below zero where it is largest, and a tendon only pulls; is its sign turned in the log?"]
-    return of_standstill(tension_N, "N")
